@@ -1,0 +1,1 @@
+"""Demonstrations: what they are, where they come from, and how they become batches."""

@@ -1,0 +1,306 @@
+"""A set of episodes, kept as flat arrays with offsets, in memory or memory-mapped."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tvae.data.trajectory import Attribute, DataError, Trajectory
+from tvae.spaces import FloatArray, IntArray, Space
+
+FORMAT_VERSION = 1
+_SPILL_BYTES = 1 << 30
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations(Sequence[Trajectory]):
+    """Episodes of one observation space and one action space.
+
+    Recorded and generated behaviour have this same type. Selecting and splitting copy no steps.
+
+    >>> import numpy as np
+    >>> from tvae.spaces import Continuous, Space
+    >>> episodes = [Trajectory(np.zeros((t + 1, 1)), np.ones((t, 1))) for t in (3, 5)]
+    >>> demos = Demonstrations.from_trajectories(episodes, Space((Continuous("x"),)), Space((Continuous("dx"),)))
+    >>> len(demos), demos.num_steps, demos.lengths.tolist(), len(demos[1])
+    (2, 8, [3, 5], 5)
+    """
+
+    observation_space: Space
+    action_space: Space
+    observations: FloatArray
+    """(sum of observations, O), all episodes one after another."""
+    actions: FloatArray
+    """(sum of actions, A), likewise."""
+    observation_starts: IntArray
+    """(E,) first row of each episode in `observations`."""
+    action_starts: IntArray
+    """(E,) first row of each episode in `actions`."""
+    lengths: IntArray
+    """(E,) number of actions T of each episode."""
+    final_observed: NDArray[np.bool_]
+    """(E,) whether the observation after the last action was recorded."""
+    steps: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """Further columns, a value an action, in the order of `actions`."""
+    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """Facts about episodes: (E,) each."""
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+    @property
+    def num_steps(self) -> int:
+        """Number of actions of all episodes together."""
+        return int(self.lengths.sum())
+
+    @overload
+    def __getitem__(self, index: int) -> Trajectory: ...
+    @overload
+    def __getitem__(self, index: slice) -> Demonstrations: ...
+    def __getitem__(self, index: int | slice) -> Trajectory | Demonstrations:
+        if isinstance(index, slice):
+            return self.select(np.arange(len(self))[index])
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"episode {index} of {len(self)}")
+        length = int(self.lengths[index])
+        first = int(self.observation_starts[index])
+        rows = slice(int(self.action_starts[index]), int(self.action_starts[index]) + length)
+        return Trajectory(
+            observations=self.observations[first : first + length + int(self.final_observed[index])],
+            actions=self.actions[rows],
+            steps={name: values[rows] for name, values in self.steps.items()},
+            attributes={name: values[index].item() for name, values in self.attributes.items()},
+        )
+
+    def __iter__(self) -> Iterator[Trajectory]:
+        return (self[index] for index in range(len(self)))
+
+    def select(self, episodes: IntArray | Sequence[int]) -> Demonstrations:
+        """The episodes at these positions, in this order."""
+        at = np.asarray(episodes, dtype=np.int64)
+        return Demonstrations(
+            self.observation_space,
+            self.action_space,
+            self.observations,
+            self.actions,
+            self.observation_starts[at],
+            self.action_starts[at],
+            self.lengths[at],
+            self.final_observed[at],
+            self.steps,
+            {name: values[at] for name, values in self.attributes.items()},
+        )
+
+    def with_attributes(self, attributes: Mapping[str, NDArray[Any]]) -> Demonstrations:
+        """The same episodes with these facts, (E,) each, added or replaced."""
+        for name, values in attributes.items():
+            if len(values) != len(self):
+                raise DataError(f"attribute {name!r} needs {len(self)} values, got {len(values)}")
+        return Demonstrations(
+            self.observation_space,
+            self.action_space,
+            self.observations,
+            self.actions,
+            self.observation_starts,
+            self.action_starts,
+            self.lengths,
+            self.final_observed,
+            self.steps,
+            {**self.attributes, **attributes},
+        )
+
+    def split(
+        self, fraction: float, *, seed: int = 0, group: str | None = None
+    ) -> tuple[Demonstrations, Demonstrations]:
+        """Two disjoint parts; the second holds about `fraction` of the episodes, at least one.
+
+        With `group`, the name of an attribute, episodes of one group stay together.
+
+        Raises `DataError` where there are too few episodes or groups to split.
+        """
+        if not 0 < fraction < 1:
+            raise ValueError(f"fraction must lie between 0 and 1, got {fraction}")
+        if group is None:
+            keys: NDArray[Any] = np.arange(len(self))
+        else:
+            keys = self.attribute(group)
+        unique, member = np.unique(keys, return_inverse=True)
+        if len(unique) < 2:
+            what = "episodes" if group is None else f"groups of {group!r}"
+            raise DataError(f"a split needs at least 2 {what}, got {len(unique)}")
+        order = np.random.default_rng(seed).permutation(len(unique))
+        cumulative = np.cumsum(np.bincount(member)[order])
+        taken = int(np.searchsorted(cumulative, fraction * len(self))) + 1
+        held_out = np.isin(member, order[: min(taken, len(unique) - 1)])
+        return self.select(np.flatnonzero(~held_out)), self.select(np.flatnonzero(held_out))
+
+    def attribute(self, name: str) -> NDArray[Any]:
+        """(E,) an attribute by name; `DataError` says which there are if it is missing."""
+        if name not in self.attributes:
+            there = ", ".join(sorted(self.attributes)) or "none"
+            raise DataError(f"episodes have no attribute {name!r}; there are: {there}")
+        return self.attributes[name]
+
+    @classmethod
+    def from_trajectories(
+        cls, trajectories: Iterable[Trajectory], observation_space: Space, action_space: Space
+    ) -> Demonstrations:
+        """Episodes from an iterable, checked one by one; beyond 1 GiB they are kept on disk, memory-mapped.
+
+        Raises `DataError` with episode, step and column at the first value that its space does not allow.
+        """
+        observations = _Column(observation_space.num_columns)
+        actions = _Column(action_space.num_columns)
+        lengths: list[int] = []
+        final: list[bool] = []
+        steps: dict[str, list[NDArray[Any]]] = {}
+        attributes: dict[str, list[Attribute]] = {}
+        for index, trajectory in enumerate(trajectories):
+            name = trajectory.attributes.get("episode", index)
+            check(trajectory, observation_space, action_space, name)
+            if index == 0:
+                steps = {key: [] for key in trajectory.steps}
+                attributes = {key: [] for key in trajectory.attributes}
+            for kept, given, what in (
+                (steps, trajectory.steps, "step columns"),
+                (attributes, trajectory.attributes, "attributes"),
+            ):
+                if kept.keys() != given.keys():
+                    raise DataError(
+                        f"episode {name}: every episode needs the same {what}: the first has "
+                        f"{sorted(kept) or 'none'}, this one {sorted(given) or 'none'}"
+                    )
+            observations.append(trajectory.observations)
+            actions.append(trajectory.actions)
+            lengths.append(len(trajectory))
+            final.append(trajectory.has_final_observation)
+            for key, values in trajectory.steps.items():
+                steps[key].append(np.asarray(values))
+            for key, value in trajectory.attributes.items():
+                attributes[key].append(value)
+        if not lengths:
+            raise DataError("demonstrations need at least one episode, got none")
+        counts = np.array(lengths, dtype=np.int64)
+        observed = counts + np.array(final)
+        return cls(
+            observation_space,
+            action_space,
+            observations.finish(),
+            actions.finish(),
+            np.cumsum(observed) - observed,
+            np.cumsum(counts) - counts,
+            counts,
+            np.array(final),
+            {key: np.concatenate(parts) for key, parts in steps.items()},
+            {key: np.array(values) for key, values in attributes.items()},
+        )
+
+    def write(self, directory: Path) -> None:
+        """Write the flat arrays to a new directory that `open` maps into memory. It appears only when whole."""
+        if directory.exists():
+            raise FileExistsError(f"{directory} exists already")
+        packed = Demonstrations.from_trajectories(self, self.observation_space, self.action_space)
+        partial = directory.with_name(directory.name + ".partial")
+        partial.mkdir(parents=True)
+        arrays = {
+            "observations": packed.observations,
+            "actions": packed.actions,
+            "observation_starts": packed.observation_starts,
+            "action_starts": packed.action_starts,
+            "lengths": packed.lengths,
+            "final_observed": packed.final_observed,
+            **{f"steps.{name}": values for name, values in packed.steps.items()},
+            **{f"attributes.{name}": values for name, values in packed.attributes.items()},
+        }
+        for name, values in arrays.items():
+            np.save(partial / f"{name}.npy", values, allow_pickle=False)
+        header = {
+            "format": "tvae-demonstrations",
+            "version": FORMAT_VERSION,
+            "observation_space": packed.observation_space.to_json(),
+            "action_space": packed.action_space.to_json(),
+            "steps": list(packed.steps),
+            "attributes": list(packed.attributes),
+        }
+        (partial / "demonstrations.json").write_text(json.dumps(header, indent=2))
+        partial.rename(directory)
+
+    @classmethod
+    def open(cls, directory: Path) -> Demonstrations:
+        """What `write` wrote, memory-mapped: nothing is read before it is used."""
+        header = json.loads((directory / "demonstrations.json").read_text())
+        if header.get("format") != "tvae-demonstrations" or header.get("version") != FORMAT_VERSION:
+            raise DataError(
+                f"{directory}: needs format tvae-demonstrations, version {FORMAT_VERSION}, "
+                f"got {header.get('format')!r}, version {header.get('version')!r}"
+            )
+
+        def mapped(name: str) -> NDArray[Any]:
+            values: NDArray[Any] = np.load(directory / f"{name}.npy", mmap_mode="r", allow_pickle=False)
+            return values
+
+        names = ("observations", "actions", "observation_starts", "action_starts", "lengths", "final_observed")
+        return cls(
+            Space.from_json(header["observation_space"]),
+            Space.from_json(header["action_space"]),
+            *(mapped(name) for name in names),
+            {name: mapped(f"steps.{name}") for name in header["steps"]},
+            {name: mapped(f"attributes.{name}") for name in header["attributes"]},
+        )
+
+
+def check(trajectory: Trajectory, observation_space: Space, action_space: Space, episode: Attribute) -> None:
+    """Raise `DataError` naming episode, step and column where a value does not fit its space."""
+    for what, space, rows in (
+        ("observation", observation_space, trajectory.observations),
+        ("action", action_space, trajectory.actions),
+    ):
+        if rows.shape[1] != space.num_columns:
+            raise DataError(
+                f"episode {episode}: {what}s need {space.num_columns} columns "
+                f"({', '.join(space.names)}), got {rows.shape[1]}"
+            )
+        problem = space.first_problem(rows)
+        if problem is not None:
+            raise DataError(
+                f"episode {episode}, step {problem.row}, column {what}.{problem.column}: {problem.message}"
+            )
+
+
+class _Column:
+    """Grows in memory and, once large, in an unnamed temporary file that is then memory-mapped."""
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._parts: list[FloatArray] = []
+        self._pending = 0
+        self._rows = 0
+        self._file: Any = None
+
+    def append(self, rows: FloatArray) -> None:
+        self._parts.append(np.ascontiguousarray(rows, dtype=np.float64))
+        self._pending += rows.nbytes
+        self._rows += len(rows)
+        if self._pending > _SPILL_BYTES:
+            self._spill()
+
+    def _spill(self) -> None:
+        if self._file is None:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the map
+        for part in self._parts:
+            part.tofile(self._file)
+        self._parts, self._pending = [], 0
+
+    def finish(self) -> FloatArray:
+        if self._file is None:
+            return np.concatenate(self._parts) if self._parts else np.zeros((0, self._width))
+        self._spill()
+        self._file.flush()
+        return np.memmap(self._file, dtype=np.float64, mode="r", shape=(self._rows, self._width))

@@ -1,0 +1,1 @@
+"""The tasks, one module each, registered with Gymnasium when `tvae` is imported."""
