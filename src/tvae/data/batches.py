@@ -1,0 +1,113 @@
+"""Padded batches of trajectories of different lengths, bucketed so that little of them is padding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tvae.data.demonstrations import Demonstrations
+from tvae.spaces import IntArray
+
+_BUCKETS_PER_POOL = 16
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryBatch:
+    """B trajectories, padded with zeros behind their ends to the longest, T steps. All rows are raw."""
+
+    observations: Float[Tensor, "B T O"]
+    next_observations: Float[Tensor, "B T O"]
+    """The observation after each action."""
+    actions: Float[Tensor, "B T A"]
+    lengths: Int[Tensor, " B"]
+    next_known: Bool[Tensor, "B T"]
+    """Where `next_observations` was recorded: everywhere within the length, but perhaps not at the last step."""
+
+    @property
+    def mask(self) -> Bool[Tensor, "B T"]:
+        """Where there is a step."""
+        steps = torch.arange(self.actions.shape[1], device=self.lengths.device)
+        return steps < self.lengths[:, None]
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+
+def batch_of(
+    demonstrations: Demonstrations, episodes: IntArray, device: torch.device | None = None
+) -> TrajectoryBatch:
+    """The episodes at these positions as one padded batch of float32."""
+    lengths = demonstrations.lengths[episodes]
+    step = np.arange(int(lengths.max()))
+    within = step < lengths[:, None]
+    observed = lengths + demonstrations.final_observed[episodes]
+    known = step + 1 < observed[:, None]
+
+    def gather(rows: NDArray[Any], starts: IntArray, where: NDArray[np.bool_], shift: int) -> Tensor:
+        index = np.where(where, starts[:, None] + step + shift, starts[:, None])
+        values = np.asarray(rows[index], dtype=np.float32)
+        values[~where] = 0
+        return torch.from_numpy(values).to(device)
+
+    first = demonstrations.observation_starts[episodes]
+    return TrajectoryBatch(
+        observations=gather(demonstrations.observations, first, within, 0),
+        next_observations=gather(demonstrations.observations, first, known, 1),
+        actions=gather(demonstrations.actions, demonstrations.action_starts[episodes], within, 0),
+        lengths=torch.from_numpy(np.asarray(lengths)).to(device),
+        next_known=torch.from_numpy(known).to(device),
+    )
+
+
+def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntArray]:
+    """Every episode once, shortest first, in groups of at most `size`; for evaluation."""
+    order = np.argsort(demonstrations.lengths, kind="stable")
+    for start in range(0, len(order), size):
+        yield order[start : start + size]
+
+
+@dataclass(frozen=True)
+class BucketedSampler:
+    """Random groups of episodes of similar lengths; which ones depends only on the seed and the step.
+
+    Each epoch visits every episode once: a shuffle is cut into pools of 16 groups, each pool sorted by length
+    and cut into groups, and the groups shuffled. What is left over at an epoch's end (less than one group) waits
+    for the next epoch, unless there is no whole group at all.
+
+    >>> import numpy as np
+    >>> sampler = BucketedSampler(lengths=np.array([5, 1, 4, 2]), size=2, seed=0)
+    >>> sorted(int(i) for step in (0, 1) for i in sampler.episodes(step))
+    [0, 1, 2, 3]
+    """
+
+    lengths: IntArray
+    size: int
+    seed: int
+
+    @property
+    def steps_per_epoch(self) -> int:
+        """Number of groups in an epoch."""
+        return max(1, len(self.lengths) // self.size)
+
+    def episodes(self, step: int) -> IntArray:
+        """Positions of the episodes of global step `step`."""
+        epoch, group = divmod(step, self.steps_per_epoch)
+        return self._epoch(epoch)[group]
+
+    def _epoch(self, epoch: int) -> list[IntArray]:
+        rng = np.random.default_rng((self.seed, epoch))
+        order = rng.permutation(len(self.lengths))[: self.steps_per_epoch * self.size]
+        groups: list[IntArray] = []
+        pool = self.size * _BUCKETS_PER_POOL
+        for start in range(0, len(order), pool):
+            part = order[start : start + pool]
+            part = part[np.argsort(self.lengths[part], kind="stable")]
+            groups.extend(part[first : first + self.size] for first in range(0, len(part), self.size))
+        return [groups[index] for index in rng.permutation(len(groups))]

@@ -1,0 +1,87 @@
+"""Decoding step by step, with all of the past or a rolling window of it.
+
+A rolling window W forgets: at each step the recurrent state is reset and only the last W states (with z) are fed.
+W = 1 makes a memoryless policy.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from tvae.distributions import RowDistribution
+from tvae.model.decoders import Memory, RecurrentTrunk
+from tvae.model.tvae import TrajectoryVAE
+from tvae.spaces import FloatArray
+
+Choice: TypeAlias = Callable[[RowDistribution], Tensor]
+"""How a row is chosen from its law: `sampled` or `most_likely`."""
+
+
+def sampled(law: RowDistribution) -> Tensor:
+    """A draw."""
+    return law.sample()
+
+
+def most_likely(law: RowDistribution) -> Tensor:
+    """The mode."""
+    return law.mode()
+
+
+class LatentSource(Protocol):
+    """Where each episode's z comes from, such as a playstyle."""
+
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count, Z)"""
+        ...
+
+
+class Fixed:
+    """The same z in every episode, or row i of several in episode i.
+
+    >>> Fixed(np.array([0.5, -1.0])).sample(3, np.random.default_rng(0)).shape
+    (3, 2)
+    """
+
+    def __init__(self, z: FloatArray) -> None:
+        self.z = np.atleast_2d(np.asarray(z, dtype=np.float64))
+
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count, Z)"""
+        if len(self.z) == 1:
+            return np.repeat(self.z, count, axis=0)
+        if len(self.z) < count:
+            raise ValueError(f"{count} episodes need as many z, got {len(self.z)}")
+        return self.z[:count]
+
+
+class Recurrence:
+    """Feeds a decoder one state after another, remembering all of them or the last `window`."""
+
+    def __init__(self, trunk: RecurrentTrunk, z: Float[Tensor, "N Z"], window: int | None) -> None:
+        if window is not None and window < 1:
+            raise ValueError(f"window must be at least 1 step, got {window}")
+        self._trunk = trunk
+        self._z = z
+        self._memory: Memory | None = None
+        self._recent: deque[Tensor] | None = None if window is None else deque(maxlen=window)
+
+    def step(self, states: Float[Tensor, "N S"]) -> Float[Tensor, "N H"]:
+        """The decoder's features after the present states."""
+        if self._recent is None:
+            features, self._memory = self._trunk(states[:, None], self._z, self._memory)
+        else:
+            self._recent.append(states)
+            features, _ = self._trunk(torch.stack(tuple(self._recent), dim=1), self._z)
+        return features[:, -1]
+
+
+def tensor_of(model: TrajectoryVAE, rows: FloatArray) -> Tensor:
+    """Rows as the model's kind of tensor, where its weights are."""
+    return torch.as_tensor(rows, dtype=torch.float32, device=model.device)

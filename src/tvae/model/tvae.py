@@ -1,0 +1,210 @@
+"""The Trajectory VAE: an encoder, a prior, a state decoder and a policy decoder over one latent z."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from jaxtyping import Float
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+from torch.distributions import Normal
+
+from tvae.data.batches import TrajectoryBatch, batch_of
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.normalizer import Normalizer
+from tvae.model.decoders import PolicyDecoder, StateDecoder
+from tvae.model.encoder import Encoder
+from tvae.model.latent import GaussianMixture, Prior, StandardNormal
+from tvae.spaces import Space
+
+SCHEMA_VERSION = 1
+_CALIBRATION_EPISODES = 2_000
+
+
+class ModelError(ValueError):
+    """A model directory that cannot be loaded; the message says why."""
+
+
+class TrajectoryVAE(nn.Module):
+    """One latent z for a whole state-action trajectory, and two decoders that read it.
+
+    | law                       | module           |
+    |---------------------------|------------------|
+    | q(z given tau)            | `encoder`        |
+    | p(z)                      | `prior`          |
+    | p(s_t+1 given s_1:t, z)   | `state_decoder`  |
+    | pi(a_t given s_1:t, z)    | `policy_decoder` |
+
+    The constructor's arguments are plain data; a saved model holds them and nothing else beside its weights.
+
+    Args:
+        observation_space, action_space: what rows are made of.
+        latent_features: Z; 0 gives the same model without a latent.
+        hidden_features: H of every recurrent net.
+        dropout: probability with which an input or a feature is dropped in training.
+        window: the most past states that a decoder sees; None for all of them.
+        stop: whether the end of an episode is modelled, p(end_t | s_1:t, z).
+        action_components: K > 1 gives actions a mixture of K laws.
+        prior_components: K > 1 gives z a learned mixture of K Gaussians as its prior.
+        state_floor: smallest standard deviation of a next state, in typical one-step changes.
+        action_floor: smallest standard deviation of an action, in its own standard deviations (angles: radians).
+
+    >>> from tvae.spaces import Angular, Continuous, Space
+    >>> model = TrajectoryVAE(Space((Continuous("x"), Continuous("y"))), Space((Angular("heading"),)))
+    >>> sum(p.numel() for p in model.parameters()) > 10_000
+    True
+    """
+
+    prior: Prior
+
+    def __init__(
+        self,
+        observation_space: Space,
+        action_space: Space,
+        *,
+        latent_features: int = 2,
+        hidden_features: int = 64,
+        dropout: float = 0.0,
+        window: int | None = None,
+        stop: bool = True,
+        action_components: int = 1,
+        prior_components: int = 1,
+        state_floor: float = 0.1,
+        action_floor: float = 0.02,
+    ) -> None:
+        super().__init__()
+        self.observation_space = observation_space
+        self.action_space = action_space
+        self.latent_features = latent_features
+        self.window = window
+        self.stop = stop
+        self.arguments = {
+            "latent_features": latent_features,
+            "hidden_features": hidden_features,
+            "dropout": dropout,
+            "window": window,
+            "stop": stop,
+            "action_components": action_components,
+            "prior_components": prior_components,
+            "state_floor": state_floor,
+            "action_floor": action_floor,
+        }
+        self.observation_normalizer = Normalizer(observation_space)
+        self.action_normalizer = Normalizer(action_space)
+        states, actions = observation_space.num_features, action_space.num_features
+        self.encoder = Encoder(states + actions, latent_features, hidden_features, dropout)
+        self.prior = (
+            StandardNormal(latent_features)
+            if prior_components == 1
+            else GaussianMixture(latent_features, prior_components)
+        )
+        self.state_decoder = StateDecoder(
+            observation_space, latent_features, hidden_features, floor=state_floor, dropout=dropout
+        )
+        self.policy_decoder = PolicyDecoder(
+            states,
+            action_space,
+            latent_features,
+            hidden_features,
+            floor=action_floor,
+            dropout=dropout,
+            num_components=action_components,
+        )
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self.observation_normalizer.mean.device
+
+    def calibrate(self, demonstrations: Demonstrations) -> None:
+        """Fit what is measured rather than learned, on training data only: normalisers and typical changes."""
+        device = self.device
+        for normalizer, rows in (
+            (self.observation_normalizer, demonstrations.observations),
+            (self.action_normalizer, demonstrations.actions),
+        ):
+            fitted = Normalizer.fit(normalizer.space, rows).to(device)
+            normalizer.load_state_dict(fitted.state_dict())
+        self.state_decoder.head.unit.copy_(self._typical_change(demonstrations))
+
+    def _typical_change(self, demonstrations: Demonstrations) -> Float[Tensor, " O"]:
+        """Root mean square change of each column in one step; 1 for a column that never changes."""
+        count = min(len(demonstrations), _CALIBRATION_EPISODES)
+        episodes = torch.linspace(0, len(demonstrations) - 1, count).long().unique().numpy()
+        batch = batch_of(demonstrations, episodes, self.device)
+        before = self.observation_normalizer.values(batch.observations)[batch.next_known]
+        change = self.observation_normalizer.values(batch.next_observations)[batch.next_known] - before
+        angular = self.observation_space.angular
+        change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
+        typical = change.square().mean(0).sqrt()
+        return torch.where(typical > 1e-6, typical, torch.ones_like(typical))
+
+    def posterior(self, batch: TrajectoryBatch) -> Normal:
+        """q(z | tau) of each trajectory of the batch, batch shape (B, Z)."""
+        states = self.observation_normalizer.features(self.observation_normalizer.values(batch.observations))
+        actions = self.action_normalizer.features(self.action_normalizer.values(batch.actions))
+        return self.encoder(torch.cat([states, actions], dim=-1), batch.lengths)
+
+    def save(self, directory: Path) -> None:
+        """Write `model.safetensors` and `model.json` into `directory`; each appears only when whole."""
+        directory.mkdir(parents=True, exist_ok=True)
+        description = {
+            "format": "tvae-model",
+            "schema_version": SCHEMA_VERSION,
+            "observation_space": self.observation_space.to_json(),
+            "action_space": self.action_space.to_json(),
+            "arguments": self.arguments,
+        }
+        weights = directory / "model.safetensors.partial"
+        save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, weights)
+        words = directory / "model.json.partial"
+        words.write_text(json.dumps(description, indent=2))
+        os.replace(weights, directory / "model.safetensors")
+        os.replace(words, directory / "model.json")
+
+    @classmethod
+    def load(cls, directory: Path) -> Self:
+        """The model that `save` wrote. Nothing in the directory is executed.
+
+        Raises `ModelError` for a directory that is no model, is truncated, or has another schema version.
+        """
+        try:
+            description = json.loads((directory / "model.json").read_text())
+        except FileNotFoundError:
+            raise ModelError(f"{directory} is not a model directory: it has no model.json") from None
+        except (ValueError, OSError) as error:
+            raise ModelError(f"{directory / 'model.json'} is not readable JSON: {error}") from error
+        _check_version(description, directory / "model.json")
+        try:
+            model = cls(
+                Space.from_json(description["observation_space"]),
+                Space.from_json(description["action_space"]),
+                **description["arguments"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise ModelError(f"{directory / 'model.json'} does not describe a model: {error}") from error
+        try:
+            model.load_state_dict(load_file(directory / "model.safetensors"))
+        except (SafetensorError, OSError) as error:
+            raise ModelError(f"{directory / 'model.safetensors'} is missing or truncated: {error}") from error
+        except RuntimeError as error:
+            raise ModelError(f"{directory / 'model.safetensors'} holds another model's weights: {error}") from error
+        model.eval()
+        return model
+
+
+def _check_version(description: Any, path: Path) -> None:
+    if not isinstance(description, dict) or description.get("format") != "tvae-model":
+        raise ModelError(f"{path} does not describe a tvae model")
+    version = description.get("schema_version")
+    if version != SCHEMA_VERSION:
+        age = "a newer" if isinstance(version, int) and version > SCHEMA_VERSION else "an older"
+        raise ModelError(
+            f"{path} has schema version {version}, this tvae reads version {SCHEMA_VERSION}: "
+            f"it was written by {age} release; install that one, or fit the model again"
+        )

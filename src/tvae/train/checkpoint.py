@@ -1,0 +1,119 @@
+"""Everything that a killed training needs to go on as if nothing had happened, in one safetensors file."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+SCHEMA_VERSION = 1
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be used; the message says why."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Means over trajectories of the bound's terms, in nats per trajectory."""
+
+    policy: float
+    state: float
+    stop: float
+    kl: float
+
+    def value(self, beta: float) -> float:
+        """The bound with the divergence weighted by `beta`."""
+        return self.policy + self.state + self.stop - beta * self.kl
+
+
+@dataclass(frozen=True)
+class Record:
+    """One evaluation: the terms on the training batches since the last one, and on held-out demonstrations."""
+
+    step: int
+    beta: float
+    training: Terms
+    held_out: Terms
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a training stands, its weights apart."""
+
+    step: int
+    beta: float
+    last_kl: float
+    best_step: int
+    best_score: float
+    stale: int
+    """Evaluations since the best one."""
+    finished: bool
+    records: tuple[Record, ...]
+
+
+def write_checkpoint(
+    path: Path, progress: Progress, model: nn.Module, optimizer: torch.optim.Optimizer, best: dict[str, Tensor]
+) -> None:
+    """Write to a temporary name beside `path`, then rename, so that a kill leaves the old file or the new one."""
+    tensors = {f"model.{name}": tensor for name, tensor in model.state_dict().items()}
+    tensors |= {f"best.{name}": tensor for name, tensor in best.items()}
+    for index, state in optimizer.state_dict()["state"].items():
+        tensors |= {f"optimizer.{index}.{name}": tensor for name, tensor in state.items()}
+    whole = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
+    metadata = {"format": "tvae-checkpoint", "version": str(SCHEMA_VERSION), "progress": json.dumps(asdict(progress))}
+    partial = path.with_name(path.name + ".partial")
+    save_file(whole, partial, metadata)
+    os.replace(partial, path)
+
+
+def read_checkpoint(
+    path: Path, model: nn.Module, optimizer: torch.optim.Optimizer
+) -> tuple[Progress, dict[str, Tensor]]:
+    """Restore `model` and `optimizer` in place; returns the progress and the best weights so far.
+
+    Raises `CheckpointError` for a file that is no checkpoint of this version or of another model.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(f"{path} is not a whole safetensors file: {error}") from error
+    if metadata.get("format") != "tvae-checkpoint" or metadata.get("version") != str(SCHEMA_VERSION):
+        raise CheckpointError(
+            f"{path} needs format tvae-checkpoint, version {SCHEMA_VERSION}, "
+            f"got {metadata.get('format')!r}, version {metadata.get('version')!r}"
+        )
+    parts: dict[str, dict[str, Tensor]] = {"model": {}, "best": {}, "optimizer": {}}
+    for name, tensor in tensors.items():
+        part, key = name.split(".", 1)
+        parts[part][key] = tensor
+    try:
+        model.load_state_dict(parts["model"])
+    except RuntimeError as error:
+        raise CheckpointError(f"{path} belongs to another model: {error}") from error
+    saved = optimizer.state_dict()
+    saved["state"] = {}
+    for name, tensor in parts["optimizer"].items():
+        index, key = name.split(".", 1)
+        saved["state"].setdefault(int(index), {})[key] = tensor
+    optimizer.load_state_dict(saved)
+    return _progress(json.loads(metadata["progress"])), parts["best"]
+
+
+def _progress(data: dict[str, object]) -> Progress:
+    records = data.pop("records")
+    assert isinstance(records, list)
+    return Progress(
+        **data,  # type: ignore[arg-type]
+        records=tuple(
+            Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in records
+        ),
+    )

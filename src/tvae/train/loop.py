@@ -1,0 +1,209 @@
+"""The one training loop: maximise the evidence lower bound on demonstrations, stop on held-out ones."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches
+from tvae.data.demonstrations import Demonstrations
+from tvae.model.elbo import Elbo, Windows, cut, elbo, whole
+from tvae.model.tvae import TrajectoryVAE
+from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
+from tvae.train.schedules import KLSchedule
+
+COLLAPSED_NATS = 0.05
+
+
+class TrainingWarning(UserWarning):
+    """Training ended, but something about it needs the user's eye; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Who is told of a training's progress: `on_step` of every step, `on_record` of every evaluation."""
+
+    on_step: Callable[[int, Terms], None] = lambda step, terms: None
+    on_record: Callable[[Record], None] = lambda record: None
+
+
+def train(
+    model: TrajectoryVAE,
+    demonstrations: Demonstrations,
+    held_out: Demonstrations,
+    *,
+    schedule: KLSchedule,
+    num_steps: int = 4_000,
+    batch_size: int = 64,
+    learning_rate: float = 2e-3,
+    clip: float = 1.0,
+    evaluate_every: int = 200,
+    patience: int = 10,
+    seed: int = 0,
+    checkpoint: Path | None = None,
+    observer: Observer = Observer(),  # noqa: B008 - frozen
+) -> tuple[Record, ...]:
+    """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
+
+    Each step takes one batch of trajectories of similar lengths, cut into the model's windows at a random offset,
+    and one step of Adam on -(policy + state + stop - beta KL) / (mean length), its learning rate falling to
+    nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the norm
+    `clip` on its own, so that a sharp term cannot drown another.
+
+    Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled, the weights
+    with the best one are kept, and training ends early when `patience` evaluations have not improved on it.
+
+    The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
+    each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
+
+    Warns with `TrainingWarning` where the latent has collapsed or nothing was learnt.
+    """
+    model.calibrate(demonstrations)
+    optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate)
+    steps = _Steps(model, optimizer, demonstrations, schedule, num_steps, batch_size, learning_rate, clip, seed)
+    with torch.random.fork_rng():
+        if checkpoint is not None and checkpoint.exists():
+            progress, best = read_checkpoint(checkpoint, model, optimizer)
+        else:
+            first = evaluate(model, held_out, batch_size=batch_size, seed=seed)
+            beta = schedule.weight(0.0, first.kl, 1.0)
+            progress = Progress(0, beta, first.kl, 0, -math.inf, 0, False, (Record(0, beta, first, first),))
+            best = _copy_of_weights(model)
+        for record in progress.records:
+            observer.on_record(record)
+        while not progress.finished:
+            end = min(progress.step + evaluate_every, num_steps)
+            terms, beta = steps.run(progress, end, observer)
+            held = evaluate(model, held_out, batch_size=batch_size, seed=seed)
+            record = Record(end, beta, _average(terms), held)
+            judged = _judge(progress, record, terms[-1].kl, end / num_steps >= schedule.settled)
+            if judged.best_step == end:
+                best = _copy_of_weights(model)
+            progress = replace(judged, finished=end == num_steps or judged.stale >= patience)
+            observer.on_record(record)
+            if checkpoint is not None:
+                write_checkpoint(checkpoint, progress, model, optimizer, best)
+    model.load_state_dict(best)
+    model.eval()
+    _diagnose(model, progress.records)
+    return progress.records
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Consecutive steps of gradient descent, each a function of the seed and its number."""
+
+    model: TrajectoryVAE
+    optimizer: torch.optim.Optimizer
+    demonstrations: Demonstrations
+    schedule: KLSchedule
+    num_steps: int
+    batch_size: int
+    learning_rate: float
+    clip: float
+    seed: int
+
+    def run(self, progress: Progress, end: int, observer: Observer) -> tuple[list[Terms], float]:
+        """Steps `progress.step` to `end`; returns the terms of each and the last beta."""
+        model, beta, kl = self.model, progress.beta, progress.last_kl
+        sampler = BucketedSampler(self.demonstrations.lengths, self.batch_size, self.seed)
+        per_step = 1 / float(self.demonstrations.lengths.mean())
+        history: list[Terms] = []
+        model.train()
+        for step in range(progress.step, end):
+            torch.manual_seed(np.random.SeedSequence((self.seed, step)).generate_state(1, np.uint64).item())
+            beta = self.schedule.weight(step / self.num_steps, kl, beta)
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
+            batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
+            terms = elbo(model, batch, _random_windows(model, batch))
+            self.optimizer.zero_grad()
+            (-per_step * terms.value(beta).mean()).backward()  # type: ignore[no-untyped-call]
+            for part in model.children():
+                nn.utils.clip_grad_norm_(part.parameters(), self.clip, error_if_nonfinite=True)
+            self.optimizer.step()
+            history.append(_mean(terms))
+            kl = history[-1].kl
+            observer.on_step(step + 1, history[-1])
+        return history, beta
+
+
+def _random_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
+    if model.window is None:
+        return whole(batch)
+    return cut(batch.lengths, model.window, int(torch.randint(model.window, ())))
+
+
+@torch.no_grad()
+def evaluate(
+    model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size: int = 64, seed: int = 0
+) -> Terms:
+    """Mean terms of the bound over all trajectories, one posterior sample each, without dropout."""
+    was_training = model.training
+    model.eval()
+    weighted: list[Terms] = []
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        for episodes in ordered_batches(demonstrations, batch_size):
+            batch = batch_of(demonstrations, episodes, model.device)
+            terms = _mean(elbo(model, batch, _random_windows(model, batch)))
+            weighted.extend([terms] * len(episodes))
+    model.train(was_training)
+    return _average(weighted)
+
+
+def _mean(terms: Elbo) -> Terms:
+    means = torch.stack([terms.policy, terms.state, terms.stop, terms.kl]).mean(1).tolist()
+    return Terms(*means)
+
+
+def _average(terms: list[Terms]) -> Terms:
+    return Terms(*np.mean([(t.policy, t.state, t.stop, t.kl) for t in terms], axis=0).tolist())
+
+
+def _copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
+    return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
+
+
+def _judge(progress: Progress, record: Record, last_kl: float, settled: bool) -> Progress:
+    """The progress after one more evaluation; before the schedule has settled, the latest counts as the best."""
+    score = record.held_out.value(record.beta)
+    improved = not settled or score > progress.best_score
+    return replace(
+        progress,
+        step=record.step,
+        beta=record.beta,
+        last_kl=last_kl,
+        best_step=record.step if improved else progress.best_step,
+        best_score=(score if settled else -math.inf) if improved else progress.best_score,
+        stale=0 if improved else progress.stale + 1,
+        records=(*progress.records, record),
+    )
+
+
+def _diagnose(model: TrajectoryVAE, records: tuple[Record, ...]) -> None:
+    """Warn in words where a training ended in one of the known ways to fail."""
+    first, last = records[0].held_out, records[-1].held_out
+    if model.latent_features and last.kl < COLLAPSED_NATS:
+        warnings.warn(
+            f"the latent has collapsed: it holds {last.kl:.3f} nats of a held-out trajectory, so no style can be "
+            "told from it. Lower the weight of the KL term, give the decoders a shorter window, or give them more "
+            "dropout, so that they need z. If there is one style only, this is the truth.",
+            TrainingWarning,
+            stacklevel=3,
+        )
+    if last.policy + last.state <= first.policy + first.state:
+        warnings.warn(
+            "nothing was learnt: held-out likelihood is no better than before training "
+            f"({last.policy + last.state:.1f} against {first.policy + first.state:.1f} nats a trajectory). Check that "
+            "actions depend on observations, train for more steps, or lower the learning rate.",
+            TrainingWarning,
+            stacklevel=3,
+        )
