@@ -41,7 +41,7 @@ def plain_axes(axes: Axes, *, title: str = "", x: str = "", y: str = "") -> Axes
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write `path` + `.png` and `path` + `.svg`, each under a temporary name first; equal figures, equal bytes.
+    """Write `path` + `.png` and `path` + `.svg`, under temporary names first; equal figures, equal bytes.
 
     A dot in the name stays: `world_0.2` becomes `world_0.2.png` and `world_0.2.svg`.
     """

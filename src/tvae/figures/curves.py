@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tvae.figures.canvas import SMALL_TEXT_SIZE, new_figure, plain_axes
+from tvae.figures.canvas import SMALL_TEXT_SIZE, TEXT_SIZE, new_figure, plain_axes
 from tvae.figures.palette import INK, MUTED, STYLE_COLOURS
 from tvae.spaces import FloatArray
 from tvae.train.checkpoint import Record, Terms

@@ -77,7 +77,7 @@ def latent_space(
 ) -> Figure:
     """The posterior means (N, Z) by style, and lightly one standard deviation (N, Z) around each if given.
 
-    `assignment` (N,) indexes `names`; -1 is no style. Raises `ValueError` where Z or N is 0.
+    `assignment` (N,) indexes `names`. Raises `ValueError` where Z or N is 0.
 
     >>> rng = np.random.default_rng(0)
     >>> figure = latent_space(rng.normal(size=(40, 2)), np.arange(40) % 2, ["attack", "avoid"])
@@ -111,7 +111,7 @@ def latent_space(
         axes.spines["left"].set_visible(False)
     else:
         axes.set_aspect("equal", adjustable="datalim")
-    _legend(figure, handles, [_counted(int(style), names, assignment) for style in styles])
+    _legend(figure, handles, [f"{names[style]} ({(assignment == style).sum():,})" for style in styles])
     return figure
 
 
@@ -132,10 +132,6 @@ def _draw_deviations(axes: Axes, plane: LatentPlane, deviations: FloatArray, ass
             linewidths=0,
         )
     )
-
-
-def _counted(style: int, names: Sequence[str], assignment: IntArray) -> str:
-    return f"{names[style] if style >= 0 else 'no style'} ({(assignment == style).sum():,})"
 
 
 def _legend(figure: Figure, handles: Sequence[Line2D], labels: Sequence[str]) -> None:

@@ -97,9 +97,11 @@ class _Renderer(RendererBase):
             alpha = gc.get_alpha() if forced or len(stroke) < 4 else stroke[3]
             if alpha < 1:
                 properties.append(f"stroke-opacity:{alpha:.2g}")
-            _, dashes = gc.get_dashes()
+            dashes = gc.get_dashes()[1]
             if dashes is not None:
-                properties.append("stroke-dasharray:" + " ".join(_number(length) for length in dashes))
+                properties.append(
+                    "stroke-dasharray:" + " ".join(_number(d) for d in np.asarray(dashes, float))
+                )
         return ";".join(properties)
 
     def _add(self, outline: str, gc: GraphicsContextBase, face: Any) -> None:

@@ -27,10 +27,10 @@ ALERT = "#b3261e"
 
 
 def style_colour(style: int) -> str:
-    """The colour of style 0, 1, ...; `MUTED` for a negative number, which means no style."""
-    return STYLE_COLOURS[style % len(STYLE_COLOURS)] if style >= 0 else MUTED
+    """The colour of style 0, 1, ..."""
+    return STYLE_COLOURS[style % len(STYLE_COLOURS)]
 
 
 def style_marker(style: int) -> str:
-    """The matplotlib marker of style 0, 1, ...; a dot for no style."""
-    return STYLE_MARKERS[style % len(STYLE_MARKERS)] if style >= 0 else "."
+    """The matplotlib marker of style 0, 1, ..."""
+    return STYLE_MARKERS[style % len(STYLE_MARKERS)]

@@ -117,8 +117,10 @@ def draw_path(
 ) -> None:
     """A path (N, 2): a line from an open circle to a full one."""
     axes.plot(*path.T, color=colour, linewidth=1.1, linestyle=linestyle, label=label)
-    for end, face in ((path[:1], PAPER), (path[-1:], colour)):
-        axes.plot(*end.T, "o", color=colour, markersize=3.6, markerfacecolor=face, markeredgewidth=0.9)
+    for name, end, face in (("start", path[:1], PAPER), ("end", path[-1:], colour)):
+        axes.plot(
+            *end.T, "o", color=colour, markersize=3.6, markerfacecolor=face, markeredgewidth=0.9, label=name
+        )
 
 
 def draw_events(axes: Axes, at: FloatArray, *, marker: str = "x", label: str = "") -> None:

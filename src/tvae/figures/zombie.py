@@ -31,7 +31,7 @@ def zombie_paths(observations: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def draw_zombie(axes: Axes, trajectory: Trajectory, colour: str = STYLE_COLOURS[0]) -> None:
-    """The goal, the agent's path in `colour`, a cross for each attack, the zombie's path and its range at the end.
+    """The goal, the agent's path in `colour`, a cross an attack, the zombie's path, its range at the end.
 
     Actions have the columns `attack` and `heading`.
 
@@ -39,13 +39,14 @@ def draw_zombie(axes: Axes, trajectory: Trajectory, colour: str = STYLE_COLOURS[
     >>> axes = new_figure(2, 2).add_subplot()
     >>> seen = np.array([[7.1, 0.8, 2.0, 1.5], [6.6, 0.8, 1.3, 1.5]])
     >>> draw_zombie(axes, Trajectory(seen, np.array([[0.0, 0.8], [1.0, 0.8]])))
-    >>> [line.get_label() for line in axes.lines if not line.get_label().startswith("_")]
-    ['zombie', 'agent', 'attack']
+    >>> [line.get_label() for line in axes.lines]
+    ['zombie', 'start', 'end', 'agent', 'start', 'end', 'attack']
     """
     agent, zombie = zombie_paths(trajectory.observations)
     axes.set_aspect("equal")
     for (x, y), radius, line in ((_GOAL, _GOAL_RADIUS, "-"), (zombie[-1], _ZOMBIE_RANGE, ":")):
         axes.add_patch(Circle((x, y), radius, fill=False, edgecolor=MUTED, linestyle=line, linewidth=0.8))
+    axes.text(_GOAL[0], _GOAL[1], "goal", size=5.5, color=MUTED, ha="center", va="center")
     draw_path(axes, zombie, MUTED, linestyle=(0, (1, 1.5)), label="zombie")
     draw_path(axes, agent, colour, label="agent")
     draw_events(axes, agent[: len(trajectory)][trajectory.actions[:, 0] == 1], label="attack")
