@@ -24,7 +24,7 @@ from tvae.figures.palette import ALERT, INK, MUTED, PAPER
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
 Draw: TypeAlias = Callable[[Axes, Trajectory], None]
-"""Draws one episode on empty axes."""
+"""Draws one episode on axes, which may hold others already."""
 
 _PLACE = re.compile(r"(?P<head>.*[._/ -])?(?P<axis>[xy])(?P<tail>[._/ -].*)?", re.IGNORECASE)
 _NO_PLACE = {"velocity", "vel", "speed", "delta", "force", "acceleration", "acc", "orientation", "direction"}
@@ -203,10 +203,7 @@ def grid(
 
 
 def share_limits(cells: Sequence[Axes]) -> None:
-    """Give axes that have chosen no limits of their own those that show the data of all of them.
-
-    Places in a plane get a square, so that every cell has the same shape.
-    """
+    """Give axes whose limits nobody chose those that show the data of all of them; a plane gets a square."""
     free = [axes for axes in cells if np.isfinite(axes.dataLim.get_points()).all()]
     if not free:
         return
@@ -217,6 +214,6 @@ def share_limits(cells: Sequence[Axes]) -> None:
             width = height = max(width, height)
         horizontal, vertical = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
         if axes.get_autoscalex_on():
-            axes.set_xlim(horizontal - 0.54 * width, horizontal + 0.54 * width)
+            axes.set_xbound(horizontal - 0.54 * width, horizontal + 0.54 * width)
         if axes.get_autoscaley_on():
-            axes.set_ylim(vertical - 0.54 * height, vertical + 0.54 * height)
+            axes.set_ybound(vertical - 0.54 * height, vertical + 0.54 * height)

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from tvae.figures.palette import STYLE_COLOURS
 from tvae.report.content import ReportContent
+from tvae.report.tables import number
 from tvae.report.views import view
 
 
@@ -25,6 +26,7 @@ def render(content: ReportContent) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["number"] = number
     script = _resource("page.js")
     return environment.get_template("page.html").render(
         content=content,

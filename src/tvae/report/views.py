@@ -11,8 +11,9 @@ from markupsafe import Markup
 
 from tvae.figures.curves import training_curves
 from tvae.figures.markup import to_markup
+from tvae.figures.trajectories import Draw
 from tvae.report.content import ReportContent, StyleSection
-from tvae.report.pictures import Sketches, glyph, in_proportion, latent_map, sketch, spread
+from tvae.report.pictures import Entry, Sketches, glyph, in_proportion, latent_map, sketch, spread
 from tvae.report.tables import Measured, MetricRow, measured, metric_rows, number, percent, share
 from tvae.spaces import IntArray, describe
 
@@ -39,7 +40,7 @@ class Cell:
     """A picture of an episode with its caption."""
 
     picture: Markup
-    caption: str
+    caption: str = ""
     failed: bool = False
 
 
@@ -51,12 +52,14 @@ class Card:
     name: str
     glyph: Markup
     share: str
+    width: str
+    """The share in CSS."""
     sentences: tuple[str, ...]
     prototypes: tuple[Cell, ...]
     tests: tuple[Cell, ...]
     outcome: str
     """How the test episodes went; empty if nobody judged them."""
-    key: Markup
+    key: tuple[Entry, ...]
     """Explains the pictures."""
 
 
@@ -93,7 +96,7 @@ def view(content: ReportContent) -> View:
     demonstrations = content.demonstrations
     return View(
         tiles=_tiles(content),
-        cards=_cards(content, pictures),
+        cards=_cards(content, pictures, sketches.keys),
         explorer=_explorer(content, pictures, always) if latent else None,
         curves=Markup(to_markup(training_curves(content.records), "Training curves"))
         if content.records
@@ -130,9 +133,9 @@ def _success(content: ReportContent, style: StyleSection) -> Measured | None:
 
 def _interval(found: Measured) -> str:
     if found.interval is None:
-        return found.basis
+        return ""
     low, high = found.interval
-    return f"95 % interval {percent(low)} to {percent(high)}, {found.basis}"
+    return f"95 % interval {percent(low)} to {percent(high)}"
 
 
 def _tiles(content: ReportContent) -> tuple[Tile, ...]:
@@ -145,7 +148,8 @@ def _tiles(content: ReportContent) -> tuple[Tile, ...]:
     for index, style in enumerate(content.styles):
         found = _success(content, style)
         if found is not None:
-            tiles.append(Tile(percent(found.mean), f"success of {_title(style)}", _interval(found), index))
+            detail = ", ".join(part for part in (_interval(found), found.basis) if part)
+            tiles.append(Tile(percent(found.mean), f"success of {_title(style)}", detail, index))
     demonstrations = content.demonstrations
     steps = f"{demonstrations.num_steps:,} steps"
     return (*tiles, Tile(f"{len(demonstrations):,}", "demonstrations", steps))
@@ -161,11 +165,13 @@ def _sketch_demonstrations(content: ReportContent, chosen: IntArray) -> Sketches
     )
 
 
-def _cards(content: ReportContent, pictures: Mapping[int, str]) -> tuple[Card, ...]:
+def _cards(
+    content: ReportContent, pictures: Mapping[int, str], keys: Mapping[Draw, tuple[Entry, ...]]
+) -> tuple[Card, ...]:
     tests = [_tests(style) for style in content.styles]
     sketches = sketch(
         [
-            (style.test_episodes[position], style.draw, f"{_title(style)}, test episode {position}")
+            (style.test_episodes[position], style.draw, f"{_title(style)}, test episode {position + 1}")
             for style, positions in zip(content.styles, tests, strict=True)
             for position in positions
             if style.test_episodes is not None
@@ -176,8 +182,9 @@ def _cards(content: ReportContent, pictures: Mapping[int, str]) -> tuple[Card, .
         Card(
             title=_title(style),
             name=style.name,
-            glyph=Markup(glyph(index, _title(style))),
+            glyph=Markup(glyph(index)),
             share=percent(style.weight),
+            width=f"{100 * style.weight:.4g}%",
             sentences=style.sentences,
             prototypes=tuple(
                 Cell(Markup(pictures[position]), content.episode_ids[position])
@@ -185,16 +192,10 @@ def _cards(content: ReportContent, pictures: Mapping[int, str]) -> tuple[Card, .
             ),
             tests=tuple(_test_cell(style, position, next(played)) for position in positions),
             outcome=_outcome(style, len(positions)),
-            key=Markup(_key(content, style)),
+            key=keys.get(style.draw) or sketches.keys.get(style.draw, ()),
         )
         for index, (style, positions) in enumerate(zip(content.styles, tests, strict=True))
     )
-
-
-def _key(content: ReportContent, style: StyleSection) -> str:
-    shown = [content.demonstrations[position] for position in style.prototypes]
-    shown += [] if style.test_episodes is None else [style.test_episodes[p] for p in _tests(style)]
-    return sketch([(trajectory, style.draw, "") for trajectory in shown]).key
 
 
 def _tests(style: StyleSection) -> list[int]:
@@ -208,16 +209,17 @@ def _tests(style: StyleSection) -> list[int]:
 
 def _test_cell(style: StyleSection, position: int, picture: str) -> Cell:
     if style.succeeded is None:
-        return Cell(Markup(picture), f"episode {position}")
+        return Cell(Markup(picture))
     failed = not style.succeeded[position]
-    return Cell(Markup(picture), "failed" if failed else "succeeded", failed)
+    return Cell(Markup(picture), "failed" if failed else "", failed)
 
 
 def _outcome(style: StyleSection, num_shown: int) -> str:
     if style.succeeded is None or not num_shown:
         return ""
     total, successes = len(style.succeeded), int(style.succeeded.sum())
-    words = f"{successes:,} of {total:,} episodes succeeded ({_interval(share(successes, total))})."
+    found = share(successes, total)
+    words = f"{percent(found.mean)} succeeded, {successes:,} of {total:,} episodes ({_interval(found)})."
     if num_shown < total:
         words += f" Shown are {num_shown}, failures in their true proportion, at least one if there is any."
     return words
@@ -247,4 +249,5 @@ def _explorer(content: ReportContent, pictures: Mapping[int, str], always: Seque
     caption = (
         f"{len(chosen):,} of {total:,} episodes, evenly from every style." if len(chosen) < total else ""
     )
-    return Explorer(Markup(latent.picture), {"styles": names, "episodes": episodes}, caption)
+    first = int(np.searchsorted(chosen, always[0])) if always else 0
+    return Explorer(Markup(latent.picture), {"styles": names, "episodes": episodes, "first": first}, caption)
