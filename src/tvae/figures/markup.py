@@ -36,8 +36,8 @@ _ANCHORS = {"left": "start", "center": "middle", "right": "end"}
 def to_markup(figure: Figure, label: str, only: Sequence[Artist] | None = None) -> str:
     """The figure, or `only` these artists of it, as one `<svg>` element whose coordinates are points.
 
-    `label` says in words what it shows; an empty one hides it from those who listen. The page's background shows
-    through. Filled shapes are not cut where their axes end.
+    `label` says in words what it shows; an empty one hides it from those who listen. The page's background
+    shows through. Filled shapes are not cut where their axes end.
 
     >>> from tvae.figures.canvas import new_figure
     >>> figure = new_figure(1, 1)
