@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
@@ -50,6 +50,11 @@ def check_spaces(envs: VectorEnv[Any, Any, Any], observation_space: Space, actio
             )
 
 
+def as_vector(env: gymnasium.Env[Any, Any]) -> VectorEnv[Any, Any, Any]:
+    """One environment as a vector environment of one copy."""
+    return SyncVectorEnv([lambda: env])
+
+
 def rollout(
     envs: VectorEnv[Any, Any, Any],
     policy: Policy,
@@ -59,6 +64,8 @@ def rollout(
     on_step: Callable[[int], None] = lambda finished: None,
 ) -> Demonstrations:
     """Run `num_episodes` episodes, `envs.num_envs` at a time, one in each copy.
+
+    Recorded actions are those that the environment was given: within its bounds, angles in [-pi, pi).
 
     Step columns: `reward`, `terminated`, `truncated`, and `info.NAME` for every scalar that the environment
     reports at each step. `on_step` is told how many episodes have finished.
@@ -98,24 +105,23 @@ def _round(
     """One episode in each of the first `wanted` copies."""
     value, _ = envs.reset(seed=world_seed)
     policy.reset(envs.num_envs, policy_seed)
-    observations = [flatten_batch(envs, value)]
+    observations = [flatten(envs.single_observation_space, value)]
     actions: list[FloatArray] = []
     columns: dict[str, list[Any]] = {}
     lengths: IntArray = np.zeros(envs.num_envs, dtype=np.int64)
     while (lengths[:wanted] == 0).any():
-        chosen = policy.act(observations[-1])
-        value, reward, terminated, truncated, info = envs.step(unflatten(envs.single_action_space, chosen))
-        observations.append(flatten_batch(envs, value))
-        actions.append(chosen)
+        action = unflatten(envs.single_action_space, policy.act(observations[-1]))
+        value, reward, terminated, truncated, info = envs.step(action)
+        observations.append(flatten(envs.single_observation_space, value))
+        actions.append(flatten(envs.single_action_space, action))
         step = {"reward": reward, "terminated": terminated, "truncated": truncated, **_scalars(info, envs.num_envs)}
-        if not columns:
-            columns = {name: [] for name in step}
-        for name, kept in columns.items():
-            kept.append(np.array(step[name]))
+        for name in step if len(actions) == 1 else columns.keys() & step.keys():
+            columns.setdefault(name, []).append(np.array(step[name]))
         lengths[(lengths == 0) & (terminated | truncated)] = len(actions)
         on_step(int((lengths[:wanted] > 0).sum()))
     all_observations, all_actions = np.stack(observations, axis=1), np.stack(actions, axis=1)
-    stacked = {name: np.stack(kept, axis=1) for name, kept in columns.items()}
+    whole = {name: kept for name, kept in columns.items() if len(kept) == len(actions)}
+    stacked = {name: np.stack(kept, axis=1) for name, kept in whole.items()}
     for index in range(wanted):
         length = int(lengths[index])
         yield Trajectory(
@@ -123,11 +129,6 @@ def _round(
             actions=all_actions[index, :length],
             steps={name: values[index, :length] for name, values in stacked.items()},
         )
-
-
-def flatten_batch(envs: VectorEnv[Any, Any, Any], value: Any) -> FloatArray:
-    """Observations of all copies as rows (N, O)."""
-    return flatten(envs.single_observation_space, value)
 
 
 def _scalars(info: dict[str, Any], num_envs: int) -> dict[str, Any]:
