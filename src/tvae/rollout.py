@@ -108,8 +108,9 @@ def _round(
         observations.append(flatten_batch(envs, value))
         actions.append(chosen)
         step = {"reward": reward, "terminated": terminated, "truncated": truncated, **_scalars(info, envs.num_envs)}
-        if not columns:
+        if len(actions) == 1:
             columns = {name: [] for name in step}
+        columns = {name: kept for name, kept in columns.items() if name in step}
         for name, kept in columns.items():
             kept.append(np.array(step[name]))
         lengths[(lengths == 0) & (terminated | truncated)] = len(actions)
