@@ -55,3 +55,13 @@ register(
     entry_point="tvae.envs.zombie:ZombieAttackEnv",
     vector_entry_point="tvae.envs.zombie:ZombieAttackVectorEnv",
 )
+register(
+    id="tvae/Navigation-v0",
+    entry_point="tvae.envs.navigation:NavigationEnv",
+    vector_entry_point="tvae.envs.navigation:NavigationVectorEnv",
+)
+register(
+    id="tvae/Circle-v0",
+    entry_point="tvae.envs.circle:CircleEnv",
+    vector_entry_point="tvae.envs.circle:CircleVectorEnv",
+)

@@ -115,13 +115,15 @@ def _round(
         observations.append(flatten(envs.single_observation_space, value))
         actions.append(flatten(envs.single_action_space, action))
         step = {"reward": reward, "terminated": terminated, "truncated": truncated, **_scalars(info, envs.num_envs)}
-        for name in step if len(actions) == 1 else columns.keys() & step.keys():
-            columns.setdefault(name, []).append(np.array(step[name]))
+        if len(actions) == 1:
+            columns = {name: [] for name in step}
+        columns = {name: kept for name, kept in columns.items() if name in step}
+        for name, kept in columns.items():
+            kept.append(np.array(step[name]))
         lengths[(lengths == 0) & (terminated | truncated)] = len(actions)
         on_step(int((lengths[:wanted] > 0).sum()))
     all_observations, all_actions = np.stack(observations, axis=1), np.stack(actions, axis=1)
-    whole = {name: kept for name, kept in columns.items() if len(kept) == len(actions)}
-    stacked = {name: np.stack(kept, axis=1) for name, kept in whole.items()}
+    stacked = {name: np.stack(kept, axis=1) for name, kept in columns.items()}
     for index in range(wanted):
         length = int(lengths[index])
         yield Trajectory(

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
 from tvae.data.demonstrations import Demonstrations
 
+Record: TypeAlias = Callable[[int, int], Demonstrations]
+"""Records so many episodes of one style; all randomness comes from a seed, the second argument."""
 
-def mixed(parts: Mapping[str, Demonstrations], seed: int) -> Demonstrations:
-    """All episodes of all parts, in random order.
 
-    Each gets the attributes `episode`, its place in that order, and `label`, the name of its part. The parts
-    have the same spaces, and there is at least one.
+def mixed(styles: Mapping[str, Record], num_episodes: int, seed: int) -> Demonstrations:
+    """Equally many episodes of every style (the first have one more where they must), in random order.
+
+    Each gets the attributes `episode`, its place in that order, and `label`, its style's name.
+
+    Raises `ValueError` for fewer episodes than styles.
     """
-    labelled = [(label, trajectory) for label, part in parts.items() for trajectory in part]
-    order = np.random.default_rng(seed).permutation(len(labelled))
-    first = next(iter(parts.values()))
+    if num_episodes < len(styles):
+        raise ValueError(
+            f"{len(styles)} styles need num_episodes of at least {len(styles)}, got {num_episodes}"
+        )
+    *seeds, order_seed = np.random.default_rng(seed).integers(2**31, size=len(styles) + 1).tolist()
+    counts = [len(part) for part in np.array_split(np.arange(num_episodes), len(styles))]
+    parts = [record(count, s) for record, count, s in zip(styles.values(), counts, seeds, strict=True)]
+    labelled = [(label, episode) for label, part in zip(styles, parts, strict=True) for episode in part]
+    order = np.random.default_rng(order_seed).permutation(num_episodes)
     return Demonstrations.from_trajectories(
         (
             replace(trajectory, attributes={**trajectory.attributes, "episode": episode, "label": label})
             for episode, (label, trajectory) in enumerate(labelled[index] for index in order)
         ),
-        first.observation_space,
-        first.action_space,
+        parts[0].observation_space,
+        parts[0].action_space,
     )

@@ -7,6 +7,7 @@ demonstrators.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from tvae.envs.zombie_experts import (
     StraightWalkAttacking,
     TwoStepAttacker,
 )
-from tvae.rollout import rollout
+from tvae.rollout import Policy, rollout
 
 __all__ = [
     "BEHAVIOURS",
@@ -143,20 +144,12 @@ def zombie_demonstrations(num_episodes: int = 2000, seed: int = 0) -> Demonstrat
     >>> sorted(demonstrations.attribute("label").tolist())
     ['attack', 'attack', 'avoid', 'avoid']
     """
-    if num_episodes < 2:
-        raise ValueError(f"two styles need num_episodes of at least 2, got {num_episodes}")
-    num_avoid = num_episodes // 2
-    attack_seed, avoid_seed, order_seed = np.random.default_rng(seed).integers(2**31, size=3).tolist()
-    parts = {
-        "attack": _episodes(AttackExpert(), num_episodes - num_avoid, attack_seed),
-        "avoid": _episodes(AvoidExpert(), num_avoid, avoid_seed),
-    }
-    return mixed(parts, order_seed)
+    styles = {"attack": partial(_episodes, AttackExpert()), "avoid": partial(_episodes, AvoidExpert())}
+    return mixed(styles, num_episodes, seed)
 
 
-def _episodes(expert: AttackExpert | AvoidExpert, num_episodes: int, seed: int) -> Demonstrations:
-    envs = ZombieAttackVectorEnv(min(num_episodes, 1000))
-    return rollout(envs, expert, num_episodes, seed=seed)
+def _episodes(expert: Policy, num_episodes: int, seed: int) -> Demonstrations:
+    return rollout(ZombieAttackVectorEnv(min(num_episodes, 1000)), expert, num_episodes, seed=seed)
 
 
 def success(demonstrations: Demonstrations) -> dict[str, NDArray[np.bool_]]:

@@ -128,9 +128,9 @@ class ZombieAttack:
 
     @property
     def observation_space(self) -> gym.Box:
-        walk = AGENT_STEP * NUM_STEPS
-        goal = float(length(GOAL)) + walk
-        zombie = np.sqrt(2) * self._farthest + walk + self.zombie_speed * NUM_STEPS
+        num_steps = NUM_STEPS + 1  # one more than an episode has, against rounding
+        goal = length(GOAL) + num_steps * AGENT_STEP
+        zombie = np.sqrt(2) * self._farthest + num_steps * (AGENT_STEP + self.zombie_speed)
         return gym.Box(
             low=np.array([0.0, -np.pi, 0.0, -np.pi]),
             high=np.array([goal, np.pi, zombie, np.pi]),
