@@ -84,11 +84,15 @@ def rollout(
 
     def episodes() -> Iterator[Trajectory]:
         finished = 0
+
+        def report(in_this_round: int) -> None:
+            on_step(finished + in_this_round)
+
         seeds = np.random.SeedSequence(seed)
         while finished < num_episodes:
             wanted = min(envs.num_envs, num_episodes - finished)
             world_seed, policy_seed = (int(s.generate_state(1)[0] >> 1) for s in seeds.spawn(2))
-            yield from _round(envs, policy, wanted, world_seed, policy_seed, lambda n, f=finished: on_step(f + n))
+            yield from _round(envs, policy, wanted, world_seed, policy_seed, report)
             finished += wanted
 
     return Demonstrations.from_trajectories(episodes(), observation_space, action_space)

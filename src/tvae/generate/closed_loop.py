@@ -8,12 +8,11 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
-from numpy.typing import NDArray
 
-from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, sampled, tensor_of
-from tvae.gymnasium_spaces import flatten, gymnasium_from_space, space_from_gymnasium, unflatten
-from tvae.model.tvae import TrajectoryVAE
 from tvae.data.demonstrations import Demonstrations
+from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, sampled, tensor_of
+from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
+from tvae.model.tvae import TrajectoryVAE
 from tvae.rollout import as_vector, check_spaces
 from tvae.rollout import rollout as run_episodes
 from tvae.spaces import FloatArray
@@ -78,7 +77,7 @@ class Agent:
     def __init__(
         self,
         model: TrajectoryVAE,
-        z: NDArray[np.floating[Any]] | LatentSource,
+        z: FloatArray | LatentSource,
         env: gymnasium.Env[Any, Any] | None = None,
         *,
         choice: Choice = sampled,

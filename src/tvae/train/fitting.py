@@ -11,7 +11,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
-from tvae.train.schedules import Budget, KLSchedule
+from tvae.train.schedules import RAISED_LATE, KLSchedule
 
 
 def fit(
@@ -24,7 +24,7 @@ def fit(
     stop: bool = False,
     action_components: int = 1,
     prior_components: int = 1,
-    schedule: KLSchedule = Budget(),  # noqa: B008 - frozen
+    schedule: KLSchedule = RAISED_LATE
     num_steps: int = 3_000,
     batch_size: int = 64,
     learning_rate: float = 5e-3,

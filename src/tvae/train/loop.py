@@ -48,7 +48,7 @@ def train(
     patience: int = 10,
     seed: int = 0,
     checkpoint: Path | None = None,
-    observer: Observer = Observer(),  # noqa: B008 - frozen
+    observer: Observer = Observer(),
 ) -> tuple[Record, ...]:
     """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
 
