@@ -87,7 +87,8 @@ class RunDirectory:
         if path.exists() and any(path.iterdir() if path.is_dir() else [path]):
             if not force:
                 raise RunDirectoryError(
-                    f"{path} exists already; choose another --out, continue it with --resume, or replace it with --force"
+                    f"{path} exists already; choose another --out, continue it with --resume, "
+                    "or replace it with --force"
                 )
             if not (path / "config.json").is_file():
                 raise RunDirectoryError(f"{path} is not a run directory (no config.json), so --force leaves it alone")

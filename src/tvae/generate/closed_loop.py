@@ -67,7 +67,7 @@ class Agent:
 
     >>> import gymnasium, tvae
     >>> env = gymnasium.make("tvae/ZombieAttack-v0")
-    >>> model = TrajectoryVAE(*(space_from_gymnasium(s) for s in (env.observation_space, env.action_space)))
+    >>> model = TrajectoryVAE(*spaces_of(as_vector(env)))
     >>> agent = Agent(model, np.zeros(2), env)
     >>> observation, _ = env.reset(seed=0)
     >>> env.action_space.contains(agent.act(observation))
@@ -115,7 +115,7 @@ def rollout(
 
     >>> import gymnasium, tvae
     >>> envs = gymnasium.make_vec("tvae/ZombieAttack-v0", num_envs=10)
-    >>> model = TrajectoryVAE(*(space_from_gymnasium(s) for s in (envs.single_observation_space, envs.single_action_space)))
+    >>> model = TrajectoryVAE(*spaces_of(envs))
     >>> len(rollout(envs, Agent(model, np.zeros(2)), episodes=20))
     20
     """

@@ -24,7 +24,7 @@ def fit(
     stop: bool = False,
     action_components: int = 1,
     prior_components: int = 1,
-    schedule: KLSchedule = RAISED_LATE
+    schedule: KLSchedule = RAISED_LATE,
     num_steps: int = 3_000,
     batch_size: int = 64,
     learning_rate: float = 5e-3,
