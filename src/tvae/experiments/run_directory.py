@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tvae.errors import TvaeError
 
-class RunDirectoryError(ValueError):
+
+class RunDirectoryError(TvaeError):
     """A run directory that cannot be used as asked; the message says what to do."""
 
 
