@@ -137,7 +137,7 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
             return tuple(unflatten(part, columns) for part, columns in parts_)
         case gym.Discrete():
             return np.asarray(rows[..., 0] + float(space.start)).astype(space.dtype)
-    values = rows.reshape(*rows.shape[:-1], *_leaf_shape(space))
+    values = rows.reshape((*rows.shape[:-1], *_leaf_shape(space)))
     if isinstance(space, gym.MultiDiscrete):
         values = values + space.start
     if isinstance(space, gym.Box):
@@ -147,7 +147,7 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
             rows[..., angles] = wrap(rows[..., angles])
             values = rows.reshape(values.shape)
         values = np.clip(values.astype(space.dtype), space.low, space.high)
-    return values.astype(space.dtype)
+    return np.asarray(values, dtype=space.dtype)
 
 
 def wrap(angle: FloatArray) -> FloatArray:

@@ -246,13 +246,17 @@ class Demonstrations(Sequence[Trajectory]):
             values: NDArray[Any] = np.load(directory / f"{name}.npy", mmap_mode="r", allow_pickle=False)
             return values
 
-        names = ("observations", "actions", "observation_starts", "action_starts", "lengths", "final_observed")
         return cls(
             Space.from_json(header["observation_space"]),
             Space.from_json(header["action_space"]),
-            *(mapped(name) for name in names),
-            {name: mapped(f"steps.{name}") for name in header["steps"]},
-            {name: mapped(f"attributes.{name}") for name in header["attributes"]},
+            observations=mapped("observations"),
+            actions=mapped("actions"),
+            observation_starts=mapped("observation_starts"),
+            action_starts=mapped("action_starts"),
+            lengths=mapped("lengths"),
+            final_observed=mapped("final_observed"),
+            steps={name: mapped(f"steps.{name}") for name in header["steps"]},
+            attributes={name: mapped(f"attributes.{name}") for name in header["attributes"]},
         )
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-import numpy as np
 from numpy.typing import NDArray
 
 from tvae.spaces import FloatArray
@@ -25,8 +24,7 @@ class Trajectory:
 
     Raises `DataError` if it is empty or its arrays do not fit together.
 
-    >>> import numpy as np
-    >>> walk = Trajectory(observations=np.zeros((4, 2)), actions=np.ones((3, 1)))
+    >>>     >>> walk = Trajectory(observations=np.zeros((4, 2)), actions=np.ones((3, 1)))
     >>> len(walk), walk.has_final_observation
     (3, True)
     """

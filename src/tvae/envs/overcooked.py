@@ -116,7 +116,7 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
         (x_0, y_0), (x_1, y_1) = self._state.player_positions
         return {"soups": self._soups, "x_0": x_0, "y_0": y_0, "x_1": x_1, "y_1": y_1}
 
-    def render(self) -> NDArray[np.uint8]:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8]:
         """The kitchen as an RGB picture, 75 pixels a cell."""
         surface = StateVisualizer().render_state(self._state, grid=self.terrain)
         picture: NDArray[np.uint8] = pygame.surfarray.array3d(surface).transpose(1, 0, 2)
@@ -143,11 +143,7 @@ def overcooked_demonstrations(
         games = json.load(file)["trials"]
     env = OvercookedEnv(wanted[0], surroundings=surroundings)
     return Demonstrations.from_trajectories(
-        (
-            _replay(game, episode, surroundings)
-            for episode, game in enumerate(games)
-            if game["layout"] in wanted
-        ),
+        (_replay(game, episode, surroundings) for episode, game in enumerate(games) if game["layout"] in wanted),
         space_from_gymnasium(env.observation_space, env.metadata["signal_names"]["observation"]),
         space_from_gymnasium(env.action_space, env.metadata["signal_names"]["action"]),
     )

@@ -1,0 +1,105 @@
+"""A fit in a run directory: configuration, training that can be killed and resumed, weights, history."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+
+import tvae
+from tvae.config import RunConfig
+from tvae.data.demonstrations import Demonstrations
+from tvae.experiments.progress import watching
+from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
+from tvae.model.tvae import TrajectoryVAE
+from tvae.train.checkpoint import Record, Terms
+from tvae.train.fitting import new_model
+from tvae.train.loop import train
+from tvae.train.schedules import Piecewise
+
+
+def begin(run: RunDirectory, demonstrations: Demonstrations, config: RunConfig, about: Mapping[str, Any]) -> None:
+    """Write `config.json`: what the run needs to be repeated. `about` says where the data are and the command."""
+    model = new_model(demonstrations, seed=config.seed, device="cpu", **asdict(config.model))
+    write_json(
+        run.config,
+        {
+            **model.description(),
+            "run": {
+                "config": config.to_json(),
+                "tvae": tvae.__version__,
+                "demonstrations": {"episodes": len(demonstrations), "steps": demonstrations.num_steps},
+                **about,
+            },
+        },
+    )
+
+
+def configuration(run: RunDirectory) -> tuple[RunConfig, dict[str, Any]]:
+    """The configuration of a run, and all else that `begin` wrote about it."""
+    about = read_json(run.config).get("run")
+    if not isinstance(about, dict) or "config" not in about:
+        raise RunDirectoryError(f"{run.config} does not describe a run: it was written by `save`, not by `tvae fit`")
+    return RunConfig.from_json(about["config"]), about
+
+
+def split(demonstrations: Demonstrations, config: RunConfig) -> tuple[Demonstrations, Demonstrations]:
+    """Training and held-out demonstrations of a run; the same each time."""
+    return demonstrations.split(config.training.held_out, seed=config.seed, group=config.group)
+
+
+def fit_run(
+    run: RunDirectory, demonstrations: Demonstrations, config: RunConfig, *, device: str, console: Console
+) -> TrajectoryVAE:
+    """Train in `run`, from its checkpoint if there is one, and leave weights, history and training metrics."""
+    training, held_out = split(demonstrations, config)
+    model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
+    began = time.perf_counter()
+    settings = config.training
+    with watching(settings.num_steps, run.tensorboard, console) as observer:
+        records = train(
+            model,
+            training,
+            held_out,
+            schedule=Piecewise(settings.kl_points),
+            num_steps=settings.num_steps,
+            batch_size=settings.batch_size,
+            learning_rate=settings.learning_rate,
+            clip=settings.clip,
+            evaluate_every=settings.evaluate_every,
+            patience=settings.patience,
+            seed=config.seed,
+            checkpoint=run.checkpoint,
+            observer=observer,
+        )
+    seconds = time.perf_counter() - began
+    write_json(run.history, [asdict(record) for record in records])
+    last = records[-1]
+    update_metrics(
+        run,
+        {
+            "train_seconds": seconds,
+            "train_steps": last.step,
+            "nats_per_trajectory": {"training": asdict(last.training), "held_out": asdict(last.held_out)},
+        },
+    )
+    model.save_weights(run.model)
+    return model
+
+
+def history(run: RunDirectory) -> tuple[Record, ...]:
+    """The evaluations during a run's training."""
+    return tuple(
+        Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in read_json(run.history)
+    )
+
+
+def update_metrics(run: RunDirectory, new: Mapping[str, Any]) -> dict[str, Any]:
+    """Add to `metrics.json`, replacing what has the same name; returns all of it."""
+    metrics: dict[str, Any] = read_json(run.metrics) if run.metrics.exists() else {}
+    metrics |= new
+    write_json(run.metrics, metrics)
+    return metrics
