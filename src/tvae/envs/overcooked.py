@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,7 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
 
     def render(self) -> NDArray[np.uint8]:
         """The kitchen as an RGB picture, 75 pixels a cell."""
+        os.environ.setdefault("SDL_AUDIODRIVER", "dummy")  # pygame complains where there is no sound card
         surface = StateVisualizer().render_state(self._state, grid=self.terrain)
         picture: NDArray[np.uint8] = pygame.surfarray.array3d(surface).transpose(1, 0, 2)
         return picture

@@ -45,7 +45,7 @@ LAYOUTS = (
 )
 DIRECTIONS = ("north", "south", "east", "west")
 HELD = ("nothing", "onion", "dish", "soup")
-POT = ("absent", "empty", "1 onion", "2 onions", "14-20 steps to go", "7-13 steps", "1-6 steps", "ready")
+POT = ("absent", "empty", "1 onion", "2 onions", "15-19 steps to go", "8-14 steps", "1-7 steps", "ready")
 FRONT = (
     "floor",
     "the other player",
