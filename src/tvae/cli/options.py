@@ -11,6 +11,8 @@ from rich.console import Console
 
 from tvae.config import ModelConfig, TrainingConfig
 from tvae.experiments.source import Source
+from tvae.generate.decoding import Choice, sampled
+from tvae.generate.decoding import most_likely as _most_likely
 
 CONSOLE = Console()
 MODEL = ModelConfig()
@@ -44,3 +46,8 @@ Seed = Annotated[int, Parameter(help="Everything random depends on it.")]
 Device = Annotated[str, Parameter(help="auto, cpu, cuda, cuda:N or mps.")]
 Force = Annotated[bool, Parameter(help="Replace what is there already.", negative="")]
 Flag = Annotated[bool, Parameter(negative="")]
+
+
+def choice_of(*, most_likely: bool) -> Choice:
+    """How actions and states are chosen."""
+    return _most_likely if most_likely else sampled
