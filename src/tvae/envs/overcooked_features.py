@@ -13,7 +13,9 @@
 | `onion_way_0`, `dish_way_0`, ...    | `WAYS`: the key that begins the shortest way to the nearest one            |
 
 The signals from `front_0` on are the surroundings. In one kitchen they follow from the others; they are what
-kitchens have in common, and spare a policy the geometry. A way leads to the nearest onion (or dish) in a
+kitchens have in common, and spare a policy the geometry; but a state decoder has to predict them as well, and
+what it already knows weighs again: in people's games in the ring 4.2 signals change a step with them, 1.1
+without. A way leads to the nearest onion (or dish) in a
 dispenser or on a counter, to the nearest soup on a counter or ready in a pot, to the nearest pot, and to the
 nearest serving counter, as if the other player were not there. Players who are there already are told the key
 that turns them to it.
