@@ -279,6 +279,10 @@ def test_wrong_arguments_are_refused_in_words():
         OvercookedEnv(horizon=0)
     with pytest.raises(ResetNeeded, match="must be reset"):
         OvercookedEnv().step(np.array([0, 0]))
+    env = OvercookedEnv()
+    env.reset()
+    with pytest.raises(ValueError, match=r"two numbers from 0 to 5, got \[ 0 -1\]"):
+        env.step(np.array([0, -1]))
 
 
 def test_missing_simulator_is_said_in_words(monkeypatch):

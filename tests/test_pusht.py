@@ -119,6 +119,10 @@ def test_wrong_input_is_refused_in_words(tmp_path):
         PushTEnv().step(np.zeros(2))
     with pytest.raises(ValueError, match=r"state needs 5 finite numbers \(agent_x, .*got \[1. 2.\]"):
         PushTEnv().reset(options={"state": [1.0, 2.0]})
+    env = PushTEnv()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="needs finite numbers, got"):
+        env.step(np.array([np.nan, 0.0]))
     np.savez(tmp_path / "part.npz", state=np.zeros((3, 5)))
     with pytest.raises(DataError, match="action, episode_ends missing"):
         pusht_demonstrations(tmp_path / "part.npz")

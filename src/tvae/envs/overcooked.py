@@ -106,6 +106,8 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
         """Both players act at once."""
         if self._state is None:
             raise ResetNeeded("an environment must be reset before its first step")
+        if not self.action_space.contains(action):
+            raise ValueError(f"an action needs two numbers from 0 to {len(ACTIONS) - 1}, got {action}")
         moves = [Action.INDEX_TO_ACTION[int(index)] for index in action]
         self._state, outcome = self._rules.get_state_transition(self._state, moves)
         reward = float(sum(outcome["sparse_reward_by_agent"]))

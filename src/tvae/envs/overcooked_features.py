@@ -12,11 +12,14 @@
 | `north_0`, `south_0`, ...           | whether the next cell there is free to walk to                             |
 | `onion_way_0`, `dish_way_0`, ...    | `WAYS`: the key that begins the shortest way to the nearest one            |
 
-The signals from `front_0` on are the surroundings. In one kitchen they follow from the others; they are what
-kitchens have in common, and spare a policy the geometry. A way leads to the nearest onion (or dish) in a
-dispenser or on a counter, to the nearest soup on a counter or ready in a pot, to the nearest pot, and to the
-nearest serving counter, as if the other player were not there. Players who are there already are told the key
-that turns them to it.
+The signals from `front_0` on are the surroundings. In one kitchen all but the places of things on counters follows
+from the other signals. They are what kitchens have in common, and spare a policy the geometry; but a state decoder
+has to predict them as well, so that one event counts again and again: in people's games in the ring 4.2 signals
+change a step with them, 1.1 without.
+
+A way leads to the nearest onion (or dish) in a dispenser or on a counter, to the nearest soup on a counter or ready
+in a pot, to the nearest pot, and to the nearest serving counter, as if the other player were not there. Players who
+are there already are told the key that turns them to it.
 
 Categories rather than numbers, because a Gaussian for a number that repeats exactly has no finite best width.
 The choice of features follows `featurize_state` of Carroll et al. 2019 (arXiv 1910.05789) in spirit.

@@ -42,7 +42,7 @@ _NAMES = {
 class PushTEnv(gymnasium.Env[FloatArray, FloatArray]):
     """A game until the block covers 95 % of its goal; registered with at most 300 steps of 0.1 s.
 
-    Observation: the disc's position, the block's position (pixels, y down) and its angle in [-pi, pi). Action: the
+    Observation: the disc's position, the block's position (pixels, y down) and its angle in [-pi, pi]. Action: the
     point that the disc is drawn to. Reward: coverage / 0.95, at most 1, as in `gym-pusht`. Info: `coverage`, the
     share of the goal's area that the block covers, `best_coverage` of the episode so far, and `is_success`,
     whether it exceeded 0.95.
@@ -104,6 +104,8 @@ class PushTEnv(gymnasium.Env[FloatArray, FloatArray]):
         simulator = self._simulator
         agent, k_p, k_v, dt = simulator.agent, simulator.k_p, simulator.k_v, simulator.dt
         target_x, target_y = float(action[0]), float(action[1])
+        if not math.isfinite(target_x + target_y):
+            raise ValueError(f"an action needs finite numbers, got {action}")
         for _ in range(int(1 / (dt * simulator.control_hz))):
             (x, y), (v_x, v_y) = agent.position, agent.velocity
             pull_x, pull_y = k_p * (target_x - x) - k_v * v_x, k_p * (target_y - y) - k_v * v_y
