@@ -18,7 +18,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError, Trajectory
 from tvae.envs.overcooked import ACTIONS, SOUP_REWARD, OvercookedEnv, net_laps, overcooked_demonstrations
 from tvae.envs.overcooked_features import DIRECTIONS, FRONT, HELD, LAYOUTS, POT, WAYS, Features
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import Categorical
 
 GAMES = Path(__file__).parent.parent / "data" / "overcooked_human_2019.json.gz"

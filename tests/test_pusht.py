@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 
 from tvae.data.trajectory import DataError
 from tvae.envs.pusht import SUCCESS_COVERAGE, PushTEnv, pusht_demonstrations, replay
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import Angular, Continuous
 
 RECORDED = Path(__file__).parent.parent / "data" / "pusht_human_206.npz"

@@ -133,7 +133,7 @@ def overcooked_demonstrations(
     """The recorded games of real people in `layouts` (all five by default), replayed in the simulator.
 
     Only starts and joint actions are recorded; the replay gives every state, and the number of soups is checked
-    against the recorded score. Step columns as `tvae.rollout.rollout` gives them. Attributes: `episode` (place in
+    against the recorded score. Step columns as `tvae.rollouts.rollout` gives them. Attributes: `episode` (place in
     the file), `pair` and `group` (who played; hold out whole pairs), `layout`, `round` (0 is a pair's first game),
     `split` (`train` or `test` in the recordings).
 

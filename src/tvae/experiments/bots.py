@@ -21,7 +21,7 @@ from tvae.experiments.run_directory import RunDirectory
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.decoding import Choice, LatentSource, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
-from tvae.rollout import check_spaces, rollout
+from tvae.rollouts import check_spaces, rollout
 from tvae.spaces import FloatArray
 
 _MOST_COPIES = 1000
