@@ -116,7 +116,8 @@ def _signals(space: gymnasium.Space[Any], path: tuple[str, ...]) -> Iterator[Sig
                 yield from _signals(part, (*path, str(index)))
         case _:
             raise TypeError(
-                f"{_where(path)} must be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, got {space}"
+                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, "
+                f"got {space}"
             )
 
 
