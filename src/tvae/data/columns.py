@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from tvae.data.trajectory import DataError
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal
 
 MOST_CATEGORIES = 20
@@ -37,7 +38,7 @@ def kinds_by_column(
 ) -> dict[str, type[Signal]]:
     """The kind that the user gave each of these columns.
 
-    Raises `ValueError` for a column that was given two.
+    Raises `DataError` for a column that was given two.
 
     >>> kinds_by_column(["observation.heading"], [], [])
     {'observation.heading': <class 'tvae.spaces.Angular'>}
@@ -46,7 +47,7 @@ def kinds_by_column(
     for kind, columns in ((Angular, angular), (Continuous, continuous), (Categorical, categorical)):
         for column in columns:
             if kinds.setdefault(column, kind) is not kind:
-                raise ValueError(f"column {column} needs one kind, got two")
+                raise DataError(f"column {column} needs one kind, got two")
     return kinds
 
 

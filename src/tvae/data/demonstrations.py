@@ -215,8 +215,10 @@ class Demonstrations(Sequence[Trajectory]):
     def write(self, directory: Path, *, overwrite: bool = False) -> None:
         """Write the flat arrays to a directory that `open` maps into memory. It appears only when whole.
 
-        Raises `FileExistsError` where it exists and `overwrite` is False.
+        Raises `FileExistsError` where it exists and `overwrite` is False, or holds something else.
         """
+        if overwrite and directory.exists() and not (directory / HEADER_NAME).is_file():
+            raise FileExistsError(f"{directory} exists already and holds no demonstrations")
         packed = Demonstrations.from_trajectories(self, self.observation_space, self.action_space)
         arrays = {
             **{name: getattr(packed, name) for name in _FLAT_ARRAYS},

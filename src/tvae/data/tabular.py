@@ -8,7 +8,7 @@
 | `action.*`      | what was done; all empty in the row of the observation after the last action    |
 | any other       | a fact about the episode where it never changes within one, else about the step |
 
-`reward`, `terminated` and `truncated` are always about the step. `label` and `group` are facts like any other.
+`reward`, `terminated` and `truncated` are always about the step, `label` and `group` facts like any other.
 """
 
 from __future__ import annotations
