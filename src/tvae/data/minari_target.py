@@ -61,7 +61,7 @@ def write_minari(
     with appearing(directory, overwrite=overwrite) as partial:
         partial.mkdir()
         storage = MinariStorage.new(
-            partial / "data",
+            (partial / "data").absolute(),  # Minari cannot size a relative path
             observation_space=_storage_space(demonstrations.observation_space, demonstrations.observations),
             action_space=_storage_space(demonstrations.action_space, demonstrations.actions),
             env_spec=None if environment is None else gymnasium.spec(environment),

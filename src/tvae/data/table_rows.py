@@ -148,6 +148,9 @@ def _read_signals(
     rows = np.empty((table.num_rows, len(names)))
     for position, name in enumerate(names):
         column = prefix + name
+        if table[column].null_count == table.num_rows:
+            issues += index.issue(np.ones(table.num_rows, np.bool_), column, "is empty in the whole table")
+            continue
         try:
             if given is None or column in kinds:
                 signal = signal_of(name, table[column], kinds.get(column))
