@@ -41,6 +41,9 @@ def one_walk(**attributes: Any) -> Demonstrations:
     return Demonstrations.from_trajectories([episode], space, space)
 
 
+HEADER = "episode,step,observation.x,action.a\n"
+
+
 # What is read
 
 
@@ -120,6 +123,56 @@ def test_types_that_other_tools_write(tmp_path: Path) -> None:
     assert kept.observation_space.signals == (Categorical("room", ("a", "b")), Continuous("price"))
     assert kept[0].observations.tolist() == [[1.0, 1.0], [0.0, 2.0]]
     assert kept[0].attributes == {"episode": 1, "time": "1970-01-01 00:00:00.000", "day": "1970-01-04"}
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "message"),
+    [
+        (
+            "observation.x",
+            pa.array([[1.0], [2.0]]),
+            r"column observation\.x: needs numbers, booleans or text, got list",
+        ),
+        (
+            "camera",
+            pa.array([b"a", b"b"]),
+            "column camera: needs numbers, booleans, text or times, got binary",
+        ),
+        ("step", pa.array([[0], [1]]), r"column step: needs the integers 0, 1, 2, \.\.\., got list"),
+        ("episode", pa.array([[0], [0]]), "column episode: needs integers or text, got list"),
+    ],
+)
+def test_types_that_are_no_single_value(tmp_path: Path, column: str, values: Any, message: str) -> None:
+    columns: dict[str, Any] = {
+        "episode": [0, 0],
+        "step": [0, 1],
+        "observation.x": [0.0, 1.0],
+        "action.a": [1.0, 2.0],
+    }
+    path = save_parquet(tmp_path / "a.parquet", {**columns, column: values})
+    with pytest.raises(DataError, match=message):
+        read_table(path)
+
+
+def test_lists_are_no_categories(tmp_path: Path) -> None:
+    lists = {"episode": [0], "step": [0], "observation.x": [[1.0]], "action.a": [1.0]}
+    path = save_parquet(tmp_path / "a.parquet", lists)
+    with pytest.raises(DataError, match=r"column observation\.x: cannot be categorical"):
+        read_table(path, categorical=["observation.x"])
+
+
+def test_a_day_may_name_an_episode(tmp_path: Path) -> None:
+    rows = "2024-02-29,0,0.5,1.0\n2024-03-01,0,0.5,1.0\n"
+    kept = read_table(write(tmp_path / "a.csv", HEADER + rows))
+    assert kept.attributes["episode"].tolist() == ["2024-02-29", "2024-03-01"]
+
+
+def test_half_precision(tmp_path: Path) -> None:
+    half = pa.array(np.array([0.5, 1.5], dtype=np.float16))
+    path = save_parquet(
+        tmp_path / "a.parquet", {"episode": [0, 0], "step": [0, 1], "observation.x": half, "action.a": half}
+    )
+    assert read_table(path)[0].actions[:, 0].tolist() == [0.5, 1.5]
 
 
 def test_nan_counts_as_empty_in_the_last_row(tmp_path: Path) -> None:
@@ -207,6 +260,18 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
     assert read_table(tmp_path / name).attributes["label"] == ["second"]
 
 
+def test_categories_that_look_alike_are_not_written(tmp_path: Path) -> None:
+    space = Space((Categorical("go", (1, "1")),))
+    walk = Trajectory(np.zeros((1, 1)), np.zeros((1, 1)))
+    with pytest.raises(
+        DataError, match=r"column observation\.go: has categories that look alike as text: 1, 1"
+    ):
+        write_csv(Demonstrations.from_trajectories([walk], space, space), tmp_path / "a.csv")
+    when = np.array(["2024-02-29"], dtype="datetime64[D]")
+    with pytest.raises(DataError, match="cannot hold the fact 'when': it is no number, boolean or text"):
+        write_csv(one_walk().with_attributes({"when": when}), tmp_path / "a.csv")
+
+
 def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = iter(range(10))
 
@@ -255,9 +320,6 @@ def test_episodes_need_their_own_name(tmp_path: Path) -> None:
 
 
 # What is refused
-
-
-HEADER = "episode,step,observation.x,action.a\n"
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
 _MOST_COLUMNS = 4096
+_PI_TOLERANCE = 1e-6
+"""pi in single precision differs from pi by 9e-8."""
 
 
 def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | None = None) -> Space:
@@ -133,8 +135,9 @@ def _box_signals(space: gym.Box, path: tuple[str, ...]) -> Iterator[Signal]:
 
 def _angular(space: gym.Box) -> NDArray[np.bool_]:
     """(C,) which numbers of a Box are angles: those bounded by exactly -pi and pi."""
-    low, high = space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)
-    return np.isclose(low, -np.pi, rtol=1e-6, atol=0) & np.isclose(high, np.pi, rtol=1e-6, atol=0)
+    low, high = space.low.ravel(), space.high.ravel()
+    distance = np.maximum(np.abs(low + np.pi), np.abs(high - np.pi))
+    return np.asarray(distance < _PI_TOLERANCE)
 
 
 def _where(path: tuple[str, ...]) -> str:
