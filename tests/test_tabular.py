@@ -406,7 +406,7 @@ def test_bad_tables_are_refused_by_place(tmp_path: Path, text: str, message: str
 
 def test_the_first_problem_says_that_there_are_more(tmp_path: Path) -> None:
     path = write(tmp_path / "bad.csv", HEADER + "3,0,inf,1.0\n3,2,inf,1.0\n")
-    with pytest.raises(DataError, match=r"leaves a gap: it follows step 0 \(and 1 more kinds of problems\)"):
+    with pytest.raises(DataError, match=r"leaves a gap: it follows step 0 \(and 1 other kind of problem\)"):
         read_table(path)
 
 

@@ -38,7 +38,7 @@ def examine(
     observation_space: Space | None = None,
     action_space: Space | None = None,
 ) -> Examined:
-    """Read a table; `kinds` override the schema's, and given spaces override both.
+    """Read a table. Given spaces override the schema's, and `kinds` override both.
 
     >>> rows = {"episode": [7, 7], "step": [0, 1], "observation.x": [0.0, 1.0], "action.dx": [1.0, None]}
     >>> table = pa.table(rows)

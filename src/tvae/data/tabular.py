@@ -72,7 +72,7 @@ def read_table(
     )
     if examined.demonstrations is None:
         more = len(examined.issues) - 1
-        others = f" (and {more} more kinds of problems)" if more else ""
+        others = f" (and {more} other kind{'s' if more > 1 else ''} of problem)" if more else ""
         raise DataError(f"{path}: {examined.issues[0]}{others}")
     return examined.demonstrations
 
