@@ -37,5 +37,5 @@ def evaluate(
     arena = opened.about.arena if env is None else Arena(env)
     if arena is not None:
         arena = Arena(arena.env, arena.options, episodes)
-        try_bots(opened.directory, opened.model, opened.playstyles, arena, seed=seed, console=CONSOLE)
+        try_bots(opened.directory, opened.model, opened.findings, arena, seed=seed, console=CONSOLE)
     CONSOLE.print(metrics_table(opened.directory))

@@ -33,12 +33,12 @@ def styles(
         Parquet table to write: one row per session with style, probability and z.
     """
     opened = open_run(run, device)
-    CONSOLE.print(opened.playstyles.verdict)
+    CONSOLE.print(opened.findings.playstyles.verdict)
     CONSOLE.print(styles_table(opened))
     if data is not None:
         labelled = label(opened, data, out, overwrite=force)
-        for style in opened.playstyles.styles:
+        for style in opened.findings.playstyles.styles:
             share = (labelled == style.index).mean()
-            CONSOLE.print(f"{opened.name(style)}: {share:.0%} of the sessions in {data}")
+            CONSOLE.print(f"{opened.findings.name(style)}: {share:.0%} of the sessions in {data}")
         if out is not None:
             CONSOLE.print(f"{len(labelled)} sessions: {out}")

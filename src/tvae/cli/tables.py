@@ -16,9 +16,9 @@ from tvae.experiments.using import FinishedRun
 def styles_table(run: FinishedRun) -> Table:
     """Each style with its share and what sets it apart."""
     table = Table("style", "share", "what sets it apart")
-    for style in run.playstyles.styles:
-        words = "\n".join(run.words[str(style.index)])
-        table.add_row(escape(run.name(style)), f"{style.weight:.0%}", escape(words))
+    for style in run.findings.playstyles.styles:
+        words = "\n".join(run.findings.words[style.index])
+        table.add_row(escape(run.findings.name(style)), f"{style.weight:.0%}", escape(words))
     return table
 
 

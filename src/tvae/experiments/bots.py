@@ -13,8 +13,8 @@ from scipy.stats import binomtest, bootstrap
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
-from tvae.evaluate.playstyles import Playstyles
 from tvae.experiments.arenas import Arena, knowledge_of
+from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import update_metrics
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory
@@ -61,7 +61,7 @@ def bot_episodes(
 def try_bots(
     run: RunDirectory,
     model: TrajectoryVAE,
-    playstyles: Playstyles,
+    findings: Findings,
     arena: Arena,
     *,
     seed: int,
@@ -75,8 +75,8 @@ def try_bots(
     knowledge = knowledge_of(arena.env)
     found: dict[str, dict[str, Any]] = {}
     intervals: dict[str, dict[str, Any]] = {}
-    for style in playstyles.styles:
-        name = playstyles.labels.get(style.index, style.name)
+    for style in findings.playstyles.styles:
+        name = findings.name(style)
         for choice, suffix in ((sampled, ""), (most_likely, "_most_likely")):
             with counting(f"{name}: test episodes{suffix.replace('_', ' ')}", arena.episodes, console) as done:
                 episodes = bot_episodes(

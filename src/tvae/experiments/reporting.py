@@ -15,8 +15,9 @@ import torch
 import tvae
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import load_demonstrations
-from tvae.evaluate.playstyles import Playstyles, Style
+from tvae.evaluate.styles import Style
 from tvae.experiments.arenas import knowledge_of
+from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import About, about_run, history
 from tvae.experiments.run_directory import RunDirectory, read_json
 from tvae.figures.palette import style_colour
@@ -28,8 +29,8 @@ from tvae.report.page import write
 def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     """Write `report.html` from the files of the run and the demonstrations that it was fitted to."""
     about = about_run(run)
-    found = read_json(run.playstyles)
-    playstyles = Playstyles.from_json(found["playstyles"])
+    findings = Findings.from_json(read_json(run.playstyles))
+    playstyles = findings.playstyles
     table = pq.read_table(run.styles)
     means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
     metrics = read_json(run.metrics)
@@ -42,7 +43,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         assignment=table["style"].to_numpy(),
         probability=table["probability"].to_numpy(),
         styles=tuple(
-            _section(run, about, demonstrations, playstyles, style, found["words"]) for style in playstyles.styles
+            _section(run, about, demonstrations, findings, style) for style in playstyles.styles
         ),
         command=shlex.join(["tvae", *about.command[1:]]),
         version=tvae.__version__,
@@ -61,11 +62,10 @@ def _section(
     run: RunDirectory,
     about: About,
     demonstrations: Demonstrations,
-    playstyles: Playstyles,
+    findings: Findings,
     style: Style,
-    words: dict[str, list[str]],
 ) -> StyleSection:
-    label = playstyles.labels.get(style.index)
+    label = findings.labels.get(style.index)
     episodes, succeeded = None, None
     knowledge = None if about.arena is None else knowledge_of(about.arena.env)
     if knowledge is not None and run.rollouts(style.index).exists():
@@ -85,8 +85,8 @@ def _section(
         weight=style.weight,
         draw=draw,
         label=label,
-        sentences=tuple(words[str(style.index)]),
-        prototypes=tuple(style.prototypes),
+        sentences=findings.words[style.index],
+        prototypes=style.prototypes,
         test_episodes=episodes,
         succeeded=succeeded,
     )

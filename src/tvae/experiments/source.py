@@ -8,6 +8,7 @@ from pathlib import Path
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.segments import segment
 from tvae.data.sources import load_demonstrations
+from tvae.spaces import Space
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,18 @@ class Source:
     segment: int | None = None
     """Cut recordings into segments of at most so many steps."""
 
-    def load(self) -> Demonstrations:
-        """Read the demonstrations; `DataError` says what is wrong with them."""
+    def load(self, observation_space: Space | None = None, action_space: Space | None = None) -> Demonstrations:
+        """Read the demonstrations; given spaces, such as a model's, must fit.
+
+        `DataError` says what is wrong with them.
+        """
         demonstrations = load_demonstrations(
-            self.path, angular=self.angular, continuous=self.continuous, categorical=self.categorical
+            self.path,
+            angular=self.angular,
+            continuous=self.continuous,
+            categorical=self.categorical,
+            observation_space=observation_space,
+            action_space=action_space,
         )
         return demonstrations if self.segment is None else segment(demonstrations, self.segment)
 
