@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from data_strategies import assert_same, demonstrations, quick
 from tvae.data import growing
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.files import appearing
+from tvae.files import appearing
 from tvae.data.ragged import blocks, ranges
 from tvae.data.trajectory import DataError, Trajectory
 from tvae.spaces import Binary, Continuous, Space

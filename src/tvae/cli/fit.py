@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
-from pathlib import Path
 
 from tvae.cli.options import COLUMNS, CONSOLE, MODEL, TRAINING, Columns, Device, Flag, Force, Out, Seed
 from tvae.config import ModelConfig, RunConfig, TrainingConfig

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tvae.data.columns import KindError, decode, kinds_by_column
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.files import appearing
+from tvae.files import appearing
 from tvae.data.ragged import blocks, ranges
 from tvae.data.table_files import METADATA_KEY, is_csv_name, is_parquet_name, read_table_file, schema_path
 from tvae.data.table_rows import examine

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
 
 from tvae.config import RunConfig
-from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
 from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena

@@ -12,7 +12,8 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.evaluate.encoding import encode
-from tvae.experiments.analysis import styles_table, write_table
+from tvae.evaluate.likelihood import importance_weighted_bound
+from tvae.experiments.analysis import SAMPLES_FOR_TABLE, styles_table, write_table
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
 from tvae.experiments.findings import Findings
@@ -98,6 +99,9 @@ def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool) -
     posteriors = encode(model, sessions)
     assignment, probability = run.findings.playstyles.assign(posteriors)
     if out is not None:
-        table = styles_table(sessions, posteriors, assignment, probability, likelihood=None)
+        bound = importance_weighted_bound(model, sessions, num_samples=SAMPLES_FOR_TABLE)
+        table = styles_table(
+            sessions, posteriors, assignment, probability, likelihood=bound.total / sessions.lengths
+        )
         write_table(table, out, overwrite=overwrite)
     return assignment
