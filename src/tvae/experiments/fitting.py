@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -20,7 +21,7 @@ from tvae.experiments.source import Source
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.fitting import new_model
-from tvae.train.loop import train
+from tvae.train.loop import Observer, train
 from tvae.train.schedules import Piecewise
 
 
@@ -74,25 +75,10 @@ def fit_run(
     run: RunDirectory, demonstrations: Demonstrations, config: RunConfig, *, device: str, console: Console
 ) -> TrajectoryVAE:
     """Train in `run`, from its checkpoint if there is one, and leave weights, history and training metrics."""
-    training, held_out = split(demonstrations, config)
-    model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
     began = time.perf_counter()
-    settings = config.training
-    with watching(settings.num_steps, run.tensorboard, console) as observer:
-        records = train(
-            model,
-            training,
-            held_out,
-            schedule=Piecewise(settings.kl_points),
-            num_steps=settings.num_steps,
-            batch_size=settings.batch_size,
-            learning_rate=settings.learning_rate,
-            clip=settings.clip,
-            evaluate_every=settings.evaluate_every,
-            patience=settings.patience,
-            seed=config.seed,
-            checkpoint=run.checkpoint,
-            observer=observer,
+    with watching(config.training.num_steps, run.tensorboard, console) as observer:
+        model, records = trained(
+            demonstrations, config, checkpoint=run.checkpoint, device=device, observer=observer
         )
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
@@ -107,6 +93,31 @@ def fit_run(
     )
     model.save_weights(run.model)
     return model
+
+
+def trained(
+    demonstrations: Demonstrations, config: RunConfig, *, checkpoint: Path, device: str, observer: Observer
+) -> tuple[TrajectoryVAE, tuple[Record, ...]]:
+    """The model of a configuration, trained on all but its held-out demonstrations, and its evaluations."""
+    training, held_out = split(demonstrations, config)
+    model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
+    settings = config.training
+    records = train(
+        model,
+        training,
+        held_out,
+        schedule=Piecewise(settings.kl_points),
+        num_steps=settings.num_steps,
+        batch_size=settings.batch_size,
+        learning_rate=settings.learning_rate,
+        clip=settings.clip,
+        evaluate_every=settings.evaluate_every,
+        patience=settings.patience,
+        seed=config.seed,
+        checkpoint=checkpoint,
+        observer=observer,
+    )
+    return model, records
 
 
 def history(run: RunDirectory) -> tuple[Record, ...]:

@@ -19,7 +19,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.errors import TvaeError
 from tvae.model.decoders import PolicyDecoder, StateDecoder
-from tvae.model.encoder import Encoder
+from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.spaces import Space
 
@@ -98,7 +98,9 @@ class TrajectoryVAE(nn.Module):
         self.observation_normalizer = Normalizer(observation_space)
         self.action_normalizer = Normalizer(action_space)
         states, actions = observation_space.num_features, action_space.num_features
-        self.encoder = Encoder(states + actions, latent_features, hidden_features, dropout)
+        self.encoder = (
+            Encoder(states + actions, latent_features, hidden_features, dropout) if latent_features else NoEncoder()
+        )
         self.prior = (
             StandardNormal(latent_features)
             if prior_components == 1
