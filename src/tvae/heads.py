@@ -20,10 +20,10 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.distributions import Bernoulli, Categorical, Normal, VonMises
+from torch.distributions import Bernoulli, Categorical, Normal
 from torch.nn.functional import softplus
 
-from tvae.distributions import Columns, Joint, Mixture, RowDistribution
+from tvae.distributions import Columns, Joint, Mixture, RowDistribution, VonMises
 from tvae.spaces import Space
 
 
@@ -37,6 +37,7 @@ class Head(nn.Module):
     """
 
     unit: Tensor
+    exists: Tensor
 
     def __init__(self, space: Space, in_features: int, *, floor: float, num_components: int = 1) -> None:
         super().__init__()
@@ -45,10 +46,11 @@ class Head(nn.Module):
         self.num_components = num_components
         num_continuous, num_angular = len(space.continuous), len(space.angular)
         self._sizes = [num_continuous, num_continuous, num_angular, num_angular, num_angular, len(space.binary)]
-        self._sizes += space.num_categories
+        self._sizes.append(sum(space.num_categories))
         self.weights = nn.Linear(in_features, num_components)
         self.parameters_of_law = nn.Linear(in_features, num_components * sum(self._sizes))
         self.register_buffer("unit", torch.ones(space.num_columns))
+        self.register_buffer("exists", torch.from_numpy(space.category_mask), persistent=False)
 
     def forward(
         self, features: Float[Tensor, "*batch H"], origin: Float[Tensor, "*batch C"]
@@ -63,7 +65,7 @@ class Head(nn.Module):
 
     def _joint(self, outputs: Tensor, origin: Tensor) -> Joint:
         space = self.space
-        mean, spread, x, y, width, log_odds, *logits = outputs.split(self._sizes, dim=-1)
+        mean, spread, x, y, width, log_odds, weights = outputs.split(self._sizes, dim=-1)
         parts: list[Columns] = []
         if len(space.continuous):
             unit = self.unit[space.continuous]
@@ -80,7 +82,8 @@ class Head(nn.Module):
             parts.append(Columns(space.angular, VonMises(angle, concentration, validate_args=False)))
         if len(space.binary):
             parts.append(Columns(space.binary, Bernoulli(logits=log_odds, validate_args=False)))
-        for index, weights in enumerate(logits):
-            column = space.categorical[index : index + 1]
-            parts.append(Columns(column, Categorical(logits=weights[..., None, :], validate_args=False)))
+        if len(space.categorical):
+            logits = weights.new_full((*weights.shape[:-1], *self.exists.shape), -torch.inf)
+            logits[..., self.exists] = weights
+            parts.append(Columns(space.categorical, Categorical(logits=logits, validate_args=False)))
         return Joint(space.num_columns, tuple(parts))

@@ -35,12 +35,14 @@ class Normalizer(nn.Module):
 
     mean: Tensor
     std: Tensor
+    exists: Tensor
 
     def __init__(self, space: Space) -> None:
         super().__init__()
         self.space = space
         self.register_buffer("mean", torch.zeros(space.num_columns))
         self.register_buffer("std", torch.ones(space.num_columns))
+        self.register_buffer("exists", torch.from_numpy(space.category_mask), persistent=False)
 
     @classmethod
     def fit(cls, space: Space, rows: FloatArray) -> Self:
@@ -75,12 +77,13 @@ class Normalizer(nn.Module):
     def features(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """What a network sees of standardised rows: numbers, then cos, sin, then +-1, then one-hot categories."""
         angles = values[..., self.space.angular]
-        parts = [
+        codes = values[..., self.space.categorical].long()
+        one_hot = nn.functional.one_hot(codes, self.exists.shape[1])[..., self.exists]
+        parts = (
             values[..., self.space.continuous],
             angles.cos(),
             angles.sin(),
             2 * values[..., self.space.binary] - 1,
-        ]
-        for column, count in zip(self.space.categorical, self.space.num_categories, strict=True):
-            parts.append(nn.functional.one_hot(values[..., column].long(), count).to(values.dtype))
+            one_hot.to(values.dtype),
+        )
         return torch.cat(parts, dim=-1)

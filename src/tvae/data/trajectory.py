@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-import numpy as np
 from numpy.typing import NDArray
 
+from tvae.errors import TvaeError
 from tvae.spaces import FloatArray
 
 Attribute: TypeAlias = str | int | float | bool
 """A fact about a whole episode, such as its label or the pair of players."""
 
 
-class DataError(ValueError):
+class DataError(TvaeError):
     """Data that cannot be used; the message says what was needed, what came, and where."""
 
 
@@ -25,8 +25,7 @@ class Trajectory:
 
     Raises `DataError` if it is empty or its arrays do not fit together.
 
-    >>> import numpy as np
-    >>> walk = Trajectory(observations=np.zeros((4, 2)), actions=np.ones((3, 1)))
+    >>>     >>> walk = Trajectory(observations=np.zeros((4, 2)), actions=np.ones((3, 1)))
     >>> len(walk), walk.has_final_observation
     (3, True)
     """

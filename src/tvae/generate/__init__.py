@@ -1,0 +1,1 @@
+"""Behaviour from a model: imagined, or acted in an environment."""

@@ -7,18 +7,21 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from gymnasium.vector import VectorEnv
 
+from tvae.data.demonstrations import Demonstrations
 from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, sampled, tensor_of
-from tvae.gymnasium_spaces import flatten, unflatten
+from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
 from tvae.model.tvae import TrajectoryVAE
+from tvae.rollouts import as_vector, check_spaces
+from tvae.rollouts import rollout as run_episodes
 from tvae.spaces import FloatArray
 
 
 class LatentPolicy:
     """pi(a_t | s_1:t, z) in many episodes at once, z drawn afresh for each from `latents`.
 
-    A `Policy` for `tvae.rollout.rollout`. `window` is the rolling window W; by default the one of the training.
+    A `Policy` for `tvae.rollouts.rollout`. `window` is the rolling window W; by default the one of the training.
     """
 
     def __init__(
@@ -55,13 +58,17 @@ class LatentPolicy:
 
 
 class Agent:
-    """A bot for one episode at a time, in the environment's own observations and actions.
+    """A bot for one episode at a time.
 
-    >>> import gymnasium, numpy as np, tvae
-    >>> from tvae.gymnasium_spaces import space_from_gymnasium
+    `z` is a latent (Z,), or anything that `sample`s one per episode, such as a style. With `env`, `act` takes and
+    gives the environment's own observations and actions; without it, dictionaries by the names of the signals.
+
+    Raises `SpaceMismatchError` if the environment has other signals than the model.
+
+    >>> import gymnasium, tvae
     >>> env = gymnasium.make("tvae/ZombieAttack-v0")
-    >>> model = TrajectoryVAE(*(space_from_gymnasium(s) for s in (env.observation_space, env.action_space)))
-    >>> agent = Agent(model, np.zeros(2), env.observation_space, env.action_space)
+    >>> model = TrajectoryVAE(*spaces_of(as_vector(env)))
+    >>> agent = Agent(model, np.zeros(2), env)
     >>> observation, _ = env.reset(seed=0)
     >>> env.action_space.contains(agent.act(observation))
     True
@@ -70,26 +77,49 @@ class Agent:
     def __init__(
         self,
         model: TrajectoryVAE,
-        z: NDArray[np.floating[Any]],
-        observation_space: gymnasium.Space[Any],
-        action_space: gymnasium.Space[Any],
+        z: FloatArray | LatentSource,
+        env: gymnasium.Env[Any, Any] | None = None,
         *,
         choice: Choice = sampled,
         window: int | None = None,
         seed: int = 0,
     ) -> None:
-        self._policy = LatentPolicy(model, Fixed(np.asarray(z, dtype=np.float64)), choice=choice, window=window)
-        self._observation_space = observation_space
-        self._action_space = action_space
+        latents = Fixed(z) if isinstance(z, np.ndarray) else z
+        self.policy = LatentPolicy(model, latents, choice=choice, window=window)
+        if env is None:
+            self._observation_space = gymnasium_from_space(model.observation_space)
+            self._action_space = gymnasium_from_space(model.action_space)
+        else:
+            check_spaces(as_vector(env), model.observation_space, model.action_space)
+            self._observation_space, self._action_space = env.observation_space, env.action_space
         self._seed = seed
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: a new episode begins."""
-        self._policy.reset(1, self._seed)
+        """Forget the past and draw a new z: a new episode begins."""
+        self.policy.reset(1, self._seed)
         self._seed += 1
 
     def act(self, observation: Any) -> Any:
-        """The action for this observation, a value that the action space contains."""
-        rows = self._policy.act(flatten(self._observation_space, observation)[None])
+        """The action for this observation."""
+        rows = self.policy.act(flatten(self._observation_space, observation)[None])
         return unflatten(self._action_space, rows[0])
+
+
+def rollout(
+    env: gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any], agent: Agent, episodes: int, *, seed: int = 0
+) -> Demonstrations:
+    """Episodes of an agent in an environment, as demonstrations; its z is drawn afresh for each.
+
+    A vector environment runs as many episodes at once as it has copies.
+
+    >>> import gymnasium, tvae
+    >>> envs = gymnasium.make_vec("tvae/ZombieAttack-v0", num_envs=10)
+    >>> model = TrajectoryVAE(*spaces_of(envs))
+    >>> len(rollout(envs, Agent(model, np.zeros(2)), episodes=20))
+    20
+    """
+    envs = env if isinstance(env, VectorEnv) else as_vector(env)
+    model = agent.policy.model
+    check_spaces(envs, model.observation_space, model.action_space)
+    return run_episodes(envs, agent.policy, episodes, seed=seed)

@@ -36,3 +36,12 @@ class Encoder(nn.Module):
         mean, log_variance = self.parameters_of_law(self.dropout(pooled)).chunk(2, dim=-1)
         log_variance = log_variance.clamp(*_LOG_VARIANCE_RANGE)
         return Normal(mean, (0.5 * log_variance).exp(), validate_args=False)
+
+
+class NoEncoder(nn.Module):
+    """The posterior of an empty z, for a model without a latent."""
+
+    def forward(self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Normal:
+        """A law over nothing, batch shape (B, 0)."""
+        empty = sequence.new_zeros(len(sequence), 0)
+        return Normal(empty, empty, validate_args=False)

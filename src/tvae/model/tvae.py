@@ -17,8 +17,9 @@ from torch.distributions import Normal
 from tvae.data.batches import TrajectoryBatch, batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
+from tvae.errors import TvaeError
 from tvae.model.decoders import PolicyDecoder, StateDecoder
-from tvae.model.encoder import Encoder
+from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.spaces import Space
 
@@ -26,7 +27,7 @@ SCHEMA_VERSION = 1
 _CALIBRATION_EPISODES = 2_000
 
 
-class ModelError(ValueError):
+class ModelError(TvaeError):
     """A model directory that cannot be loaded; the message says why."""
 
 
@@ -97,7 +98,9 @@ class TrajectoryVAE(nn.Module):
         self.observation_normalizer = Normalizer(observation_space)
         self.action_normalizer = Normalizer(action_space)
         states, actions = observation_space.num_features, action_space.num_features
-        self.encoder = Encoder(states + actions, latent_features, hidden_features, dropout)
+        self.encoder = (
+            Encoder(states + actions, latent_features, hidden_features, dropout) if latent_features else NoEncoder()
+        )
         self.prior = (
             StandardNormal(latent_features)
             if prior_components == 1
@@ -150,36 +153,43 @@ class TrajectoryVAE(nn.Module):
         actions = self.action_normalizer.features(self.action_normalizer.values(batch.actions))
         return self.encoder(torch.cat([states, actions], dim=-1), batch.lengths)
 
-    def save(self, directory: Path) -> None:
-        """Write `model.safetensors` and `model.json` into `directory`; each appears only when whole."""
-        directory.mkdir(parents=True, exist_ok=True)
-        description = {
+    def description(self) -> dict[str, Any]:
+        """All but the weights, as plain data: format, schema version, spaces, constructor arguments."""
+        return {
             "format": "tvae-model",
             "schema_version": SCHEMA_VERSION,
             "observation_space": self.observation_space.to_json(),
             "action_space": self.action_space.to_json(),
             "arguments": self.arguments,
         }
-        weights = directory / "model.safetensors.partial"
-        save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, weights)
-        words = directory / "model.json.partial"
-        words.write_text(json.dumps(description, indent=2))
-        os.replace(weights, directory / "model.safetensors")
-        os.replace(words, directory / "model.json")
+
+    def save(self, directory: Path) -> None:
+        """Write `model.safetensors` and `config.json` into `directory`; each appears only when whole."""
+        directory.mkdir(parents=True, exist_ok=True)
+        partial = directory / "config.json.partial"
+        partial.write_text(json.dumps(self.description(), indent=2))
+        self.save_weights(directory / "model.safetensors")
+        os.replace(partial, directory / "config.json")
+
+    def save_weights(self, path: Path) -> None:
+        """Write the weights under a temporary name, then rename."""
+        partial = path.with_name(path.name + ".partial")
+        save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
+        os.replace(partial, path)
 
     @classmethod
     def load(cls, directory: Path) -> Self:
-        """The model that `save` wrote. Nothing in the directory is executed.
+        """The model that `save` or a run wrote. Nothing in the directory is executed.
 
         Raises `ModelError` for a directory that is no model, is truncated, or has another schema version.
         """
+        if not (directory / "config.json").is_file():
+            raise ModelError(f"{directory} is not a model directory: it has no config.json")
         try:
-            description = json.loads((directory / "model.json").read_text())
-        except FileNotFoundError:
-            raise ModelError(f"{directory} is not a model directory: it has no model.json") from None
-        except (ValueError, OSError) as error:
-            raise ModelError(f"{directory / 'model.json'} is not readable JSON: {error}") from error
-        _check_version(description, directory / "model.json")
+            description = json.loads((directory / "config.json").read_text())
+        except ValueError as error:
+            raise ModelError(f"{directory / 'config.json'} is not whole JSON: {error}") from error
+        _check_version(description, directory / "config.json")
         try:
             model = cls(
                 Space.from_json(description["observation_space"]),
@@ -187,7 +197,7 @@ class TrajectoryVAE(nn.Module):
                 **description["arguments"],
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise ModelError(f"{directory / 'model.json'} does not describe a model: {error}") from error
+            raise ModelError(f"{directory / 'config.json'} does not describe a model: {error}") from error
         try:
             model.load_state_dict(load_file(directory / "model.safetensors"))
         except (SafetensorError, OSError) as error:

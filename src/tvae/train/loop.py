@@ -48,7 +48,7 @@ def train(
     patience: int = 10,
     seed: int = 0,
     checkpoint: Path | None = None,
-    observer: Observer = Observer(),  # noqa: B008 - frozen
+    observer: Observer = Observer(),
 ) -> tuple[Record, ...]:
     """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
 
@@ -66,7 +66,7 @@ def train(
     Warns with `TrainingWarning` where the latent has collapsed or nothing was learnt.
     """
     model.calibrate(demonstrations)
-    optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate)
+    optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate, fused=True)
     steps = _Steps(model, optimizer, demonstrations, schedule, num_steps, batch_size, learning_rate, clip, seed)
     with torch.random.fork_rng():
         if checkpoint is not None and checkpoint.exists():
@@ -126,7 +126,7 @@ class _Steps:
             terms = elbo(model, batch, _random_windows(model, batch))
             self.optimizer.zero_grad()
             (-per_step * terms.value(beta).mean()).backward()  # type: ignore[no-untyped-call]
-            for part in model.children():
+            for part in filter(_learns, model.children()):
                 nn.utils.clip_grad_norm_(part.parameters(), self.clip, error_if_nonfinite=True)
             self.optimizer.step()
             history.append(_mean(terms))
@@ -207,3 +207,7 @@ def _diagnose(model: TrajectoryVAE, records: tuple[Record, ...]) -> None:
             TrainingWarning,
             stacklevel=3,
         )
+
+
+def _learns(part: nn.Module) -> bool:
+    return any(parameter.requires_grad for parameter in part.parameters())

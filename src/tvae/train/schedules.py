@@ -35,7 +35,7 @@ class Constant:
     def settled(self) -> float:
         return 0.0
 
-    def weight(self, progress: float, kl: float, previous: float) -> float:  # noqa: D102
+    def weight(self, progress: float, kl: float, previous: float) -> float:
         return self.beta
 
 
@@ -58,7 +58,7 @@ class Piecewise:
     def settled(self) -> float:
         return self.points[-1][0]
 
-    def weight(self, progress: float, kl: float, previous: float) -> float:  # noqa: D102
+    def weight(self, progress: float, kl: float, previous: float) -> float:
         first = self.points[0]
         if progress <= first[0]:
             return first[1]
@@ -66,6 +66,10 @@ class Piecewise:
             if progress <= end:
                 return low + (high - low) * (progress - start) / (end - start)
         return self.points[-1][1]
+
+
+RAISED_LATE = Piecewise(((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)))
+"""First z learns all it can, then what the weight does not pay for is squeezed out of it again."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Budget:
     def settled(self) -> float:
         return min(1.0, self.begin + 0.4)
 
-    def weight(self, progress: float, kl: float, previous: float) -> float:  # noqa: D102
+    def weight(self, progress: float, kl: float, previous: float) -> float:
         if progress < self.begin:
             return 1.0
         error = max(-1.0, min(1.0, (kl - self.nats) / self.nats))

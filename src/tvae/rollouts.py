@@ -11,15 +11,16 @@ from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
+from tvae.errors import TvaeError
 from tvae.gymnasium_spaces import flatten, spaces_of, unflatten
 from tvae.spaces import FloatArray, IntArray, Space
 
 
-class SpaceMismatchError(ValueError):
+class SpaceMismatchError(TvaeError):
     """A policy and an environment whose spaces differ; the message says how."""
 
 
@@ -50,6 +51,11 @@ def check_spaces(envs: VectorEnv[Any, Any, Any], observation_space: Space, actio
             )
 
 
+def as_vector(env: gymnasium.Env[Any, Any]) -> VectorEnv[Any, Any, Any]:
+    """One environment as a vector environment of one copy."""
+    return SyncVectorEnv([lambda: env])
+
+
 def rollout(
     envs: VectorEnv[Any, Any, Any],
     policy: Policy,
@@ -59,6 +65,8 @@ def rollout(
     on_step: Callable[[int], None] = lambda finished: None,
 ) -> Demonstrations:
     """Run `num_episodes` episodes, `envs.num_envs` at a time, one in each copy.
+
+    Recorded actions are those that the environment was given: within its bounds, angles in [-pi, pi).
 
     Step columns: `reward`, `terminated`, `truncated`, and `info.NAME` for every scalar that the environment
     reports at each step. `on_step` is told how many episodes have finished.
@@ -77,11 +85,15 @@ def rollout(
 
     def episodes() -> Iterator[Trajectory]:
         finished = 0
+
+        def report(in_this_round: int) -> None:
+            on_step(finished + in_this_round)
+
         seeds = np.random.SeedSequence(seed)
         while finished < num_episodes:
             wanted = min(envs.num_envs, num_episodes - finished)
             world_seed, policy_seed = (int(s.generate_state(1)[0] >> 1) for s in seeds.spawn(2))
-            yield from _round(envs, policy, wanted, world_seed, policy_seed, lambda n, f=finished: on_step(f + n))
+            yield from _round(envs, policy, wanted, world_seed, policy_seed, report)
             finished += wanted
 
     return Demonstrations.from_trajectories(episodes(), observation_space, action_space)
@@ -98,18 +110,19 @@ def _round(
     """One episode in each of the first `wanted` copies."""
     value, _ = envs.reset(seed=world_seed)
     policy.reset(envs.num_envs, policy_seed)
-    observations = [flatten_batch(envs, value)]
+    observations = [flatten(envs.single_observation_space, value)]
     actions: list[FloatArray] = []
     columns: dict[str, list[Any]] = {}
     lengths: IntArray = np.zeros(envs.num_envs, dtype=np.int64)
     while (lengths[:wanted] == 0).any():
-        chosen = policy.act(observations[-1])
-        value, reward, terminated, truncated, info = envs.step(unflatten(envs.single_action_space, chosen))
-        observations.append(flatten_batch(envs, value))
-        actions.append(chosen)
+        action = unflatten(envs.single_action_space, policy.act(observations[-1]))
+        value, reward, terminated, truncated, info = envs.step(action)
+        observations.append(flatten(envs.single_observation_space, value))
+        actions.append(flatten(envs.single_action_space, action))
         step = {"reward": reward, "terminated": terminated, "truncated": truncated, **_scalars(info, envs.num_envs)}
-        if not columns:
+        if len(actions) == 1:
             columns = {name: [] for name in step}
+        columns = {name: kept for name, kept in columns.items() if name in step}
         for name, kept in columns.items():
             kept.append(np.array(step[name]))
         lengths[(lengths == 0) & (terminated | truncated)] = len(actions)
@@ -123,11 +136,6 @@ def _round(
             actions=all_actions[index, :length],
             steps={name: values[index, :length] for name, values in stacked.items()},
         )
-
-
-def flatten_batch(envs: VectorEnv[Any, Any, Any], value: Any) -> FloatArray:
-    """Observations of all copies as rows (N, O)."""
-    return flatten(envs.single_observation_space, value)
 
 
 def _scalars(info: dict[str, Any], num_envs: int) -> dict[str, Any]:

@@ -1,0 +1,96 @@
+"""A run as pure data: what `config.json` holds and the command line changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, TypeVar, cast
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The arguments of `tvae.TrajectoryVAE`."""
+
+    latent_features: int = 2
+    """Size of z. 0 gives the same model without a latent."""
+    hidden_features: int = 64
+    """Size of every recurrent net."""
+    dropout: float = 0.0
+    """Probability with which an input or a feature is dropped in training."""
+    window: int | None = None
+    """The most past states that a decoder sees, in training and as a bot; all of them if not given."""
+    stop: bool = True
+    """Model the end of an episode. Turn it off for segments of long recordings, whose ends mean nothing."""
+    action_components: int = 1
+    """Laws in the mixture of each action."""
+    prior_components: int = 1
+    """Gaussians in the prior of z."""
+    state_floor: float = 0.1
+    """Smallest standard deviation of a next state, in typical one-step changes."""
+    action_floor: float = 0.02
+    """Smallest standard deviation of an action, in its own standard deviations (angles: radians)."""
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """The arguments of `tvae.train.loop.train`."""
+
+    num_steps: int = 3_000
+    """Most steps of gradient descent."""
+    batch_size: int = 64
+    """Trajectories in a step."""
+    learning_rate: float = 5e-3
+    """Of Adam, at the start."""
+    clip: float = 1.0
+    """Largest gradient norm of each of encoder, prior and decoders."""
+    kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.4, 1.0), (0.5, 10.0))
+    """Weight of the KL term: straight lines between (progress, weight)."""
+    evaluate_every: int = 100
+    """Steps between evaluations on held-out demonstrations, which are also when a checkpoint is written."""
+    patience: int = 10
+    """Evaluations without improvement after which training ends."""
+    held_out: float = 0.1
+    """Share of the demonstrations that is held out."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """A whole run."""
+
+    model: ModelConfig = field(default_factory=ModelConfig)
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    seed: int = 0
+    group: str | None = None
+    """Attribute whose groups stay whole when demonstrations are split, such as a pair of players."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for a JSON file."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> RunConfig:
+        """The configuration that `to_json` wrote.
+
+        >>> config = RunConfig(seed=3)
+        >>> RunConfig.from_json(config.to_json()) == config
+        True
+        """
+        return cls(
+            model=_read(ModelConfig, data["model"]),
+            training=_read(
+                TrainingConfig,
+                {**data["training"], "kl_points": tuple(tuple(p) for p in data["training"]["kl_points"])},
+            ),
+            seed=int(data["seed"]),
+            group=data["group"],
+        )
+
+
+def _read(cls: type[T], data: Mapping[str, Any]) -> T:
+    known = {f.name for f in fields(cast("Any", cls))}
+    unknown = sorted(set(data) - known)
+    if unknown:
+        raise ValueError(f"unknown {cls.__name__} {', '.join(unknown)}; there are {', '.join(sorted(known))}")
+    return cls(**data)

@@ -1,0 +1,85 @@
+"""From demonstrations to a trained model in one call."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from tvae.data.demonstrations import Demonstrations
+from tvae.device import resolve_device
+from tvae.model.tvae import TrajectoryVAE
+from tvae.train.loop import Observer, train
+from tvae.train.schedules import RAISED_LATE, KLSchedule
+
+
+def fit(
+    demonstrations: Demonstrations,
+    *,
+    latent_features: int = 2,
+    hidden_features: int = 64,
+    dropout: float = 0.0,
+    window: int | None = None,
+    stop: bool = False,
+    action_components: int = 1,
+    prior_components: int = 1,
+    schedule: KLSchedule = RAISED_LATE,
+    num_steps: int = 3_000,
+    batch_size: int = 64,
+    learning_rate: float = 5e-3,
+    clip: float = 1.0,
+    evaluate_every: int = 100,
+    patience: int = 10,
+    held_out: float = 0.1,
+    group: str | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    checkpoint: Path | None = None,
+    observer: Observer = Observer(),  # noqa: B008 - frozen
+) -> TrajectoryVAE:
+    """A `TrajectoryVAE` trained on all but a held-out part of the demonstrations.
+
+    The first arguments are those of `TrajectoryVAE`, the later ones those of `train`. `held_out` is the share of
+    episodes kept for early stopping; with `group`, an attribute, groups stay whole.
+    """
+    training, judged = demonstrations.split(held_out, seed=seed, group=group)
+    model = new_model(
+        demonstrations,
+        seed=seed,
+        device=device,
+        latent_features=latent_features,
+        hidden_features=hidden_features,
+        dropout=dropout,
+        window=window,
+        stop=stop,
+        action_components=action_components,
+        prior_components=prior_components,
+    )
+    train(
+        model,
+        training,
+        judged,
+        schedule=schedule,
+        num_steps=num_steps,
+        batch_size=batch_size,
+        learning_rate=learning_rate,
+        clip=clip,
+        evaluate_every=evaluate_every,
+        patience=patience,
+        seed=seed,
+        checkpoint=checkpoint,
+        observer=observer,
+    )
+    return model
+
+
+def new_model(demonstrations: Demonstrations, *, seed: int, device: str, **arguments: Any) -> TrajectoryVAE:
+    """An untrained model of the demonstrations' spaces; its first weights depend on `seed` alone.
+
+    `arguments` are those of `TrajectoryVAE`.
+    """
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        model = TrajectoryVAE(demonstrations.observation_space, demonstrations.action_space, **arguments)
+    return model.to(resolve_device(device))
