@@ -85,10 +85,7 @@ class TestLatentSpace:
         plane = latent_plane(means, np.zeros(200, dtype=np.int64))
         variances = np.linalg.eigvalsh(np.cov(means.T))[::-1]
         assert np.allclose(np.var(plane.points, axis=0, ddof=1), variances[:2])
-        assert (
-            f"first principal component of z ({variances[0] / variances.sum():.0%}"[:-1]
-            in plane.axis_names[0]
-        )
+        assert f"first principal component of z ({variances[0] / variances.sum():.0%}"[:-1] in plane.axis_names[0]
         assert plane.axis_names[1].startswith("second principal component of z")
 
     def test_identical_means_are_no_division_by_zero(self):
@@ -106,9 +103,7 @@ class TestLatentSpace:
 
     def test_posterior_width_is_an_ellipse_of_one_standard_deviation(self):
         means = np.array([[0.0, 0.0], [3.0, 1.0]])
-        figure = latent_space(
-            means, np.array([0, 1]), ["a", "b"], deviations=np.array([[0.5, 0.2], [0.1, 0.1]])
-        )
+        figure = latent_space(means, np.array([0, 1]), ["a", "b"], deviations=np.array([[0.5, 0.2], [0.1, 0.1]]))
         (ellipses,) = (c for c in figure.axes[0].collections if isinstance(c, EllipseCollection))
         assert sorted([ellipses.get_widths()[0], ellipses.get_heights()[0]]) == pytest.approx([0.4, 1.0])
         assert np.array_equal(ellipses.get_offsets(), means)
@@ -196,15 +191,11 @@ class TestTrajectories:
     def test_an_integer_category_is_a_coordinate_by_its_value(self):
         cell = Space((Categorical("x", (5, 7, 9)), Categorical("y", (1, 2, 3))))
         axes = _axes()
-        draw_trajectory(
-            axes, Trajectory(np.array([[0.0, 0.0], [2.0, 1.0]]), np.zeros((1, 1))), cell, BUTTON, INK
-        )
+        draw_trajectory(axes, Trajectory(np.array([[0.0, 0.0], [2.0, 1.0]]), np.zeros((1, 1))), cell, BUTTON, INK)
         assert axes.lines[0].get_xydata().tolist() == [[5, 1], [9, 2]]
 
     def test_without_a_plane_the_signals_that_vary_get_a_lane(self):
-        space = Space(
-            (Continuous("speed"), Continuous("mass"), Angular("bearing"), Categorical("gear", ("a", "b")))
-        )
+        space = Space((Continuous("speed"), Continuous("mass"), Angular("bearing"), Categorical("gear", ("a", "b"))))
         bearing = np.array([3.0, 3.1, -3.1, -3.0, -2.9])
         rows = np.stack([np.arange(5.0), np.ones(5), bearing, np.array([0.0, 0, 1, 1, 0])], 1)
         axes = _axes()
@@ -216,9 +207,7 @@ class TestTrajectories:
     def test_long_episodes_are_thinned_and_still_ones_said(self):
         space = Space((Continuous("speed"),))
         axes = _axes()
-        draw_trajectory(
-            axes, Trajectory(np.arange(10_000.0)[:, None], np.zeros((10_000, 1))), space, BUTTON, INK
-        )
+        draw_trajectory(axes, Trajectory(np.arange(10_000.0)[:, None], np.zeros((10_000, 1))), space, BUTTON, INK)
         assert len(axes.lines[0].get_xdata()) <= 150
         axes = _axes()
         draw_trajectory(axes, Trajectory(np.ones((3, 1)), np.zeros((3, 1))), space, BUTTON, INK)
@@ -227,9 +216,7 @@ class TestTrajectories:
     def test_a_grid_has_one_scale_and_frames_what_is_flagged(self):
         draw = partial(draw_trajectory, observation_space=PLACE, action_space=BUTTON, colour=INK)
         flagged = np.array([False, True, False])
-        figure = grid(
-            [_walk(scale=s) for s in (1, 2, 3)], draw, ["$1", "2", "3"], flagged=flagged, num_columns=2
-        )
+        figure = grid([_walk(scale=s) for s in (1, 2, 3)], draw, ["$1", "2", "3"], flagged=flagged, num_columns=2)
         assert len(figure.axes) == 3
         assert len({(axes.get_xlim(), axes.get_ylim()) for axes in figure.axes}) == 1
         assert figure.axes[0].get_xlim()[0] < 1
@@ -267,9 +254,7 @@ class TestZombie:
 
     def test_the_picture_shows_goal_range_paths_and_attacks(self):
         axes = _axes()
-        observations = np.array(
-            [[7.07, np.pi / 4, 2.0, 0.0], [6.57, np.pi / 4, 1.0, 0.0], [6.07, np.pi / 4, 0.9, 0.0]]
-        )
+        observations = np.array([[7.07, np.pi / 4, 2.0, 0.0], [6.57, np.pi / 4, 1.0, 0.0], [6.07, np.pi / 4, 0.9, 0.0]])
         draw_zombie(axes, Trajectory(observations, np.array([[0.0, 0.8], [1.0, 0.8]])))
         agent, zombie = zombie_paths(observations)
         goal, reach = (patch for patch in axes.patches if isinstance(patch, Circle))
@@ -294,9 +279,7 @@ class TestSaving:
             save(figure, tmp_path / name / "world_0.2")
         assert sorted(p.name for p in (tmp_path / "one").iterdir()) == ["world_0.2.png", "world_0.2.svg"]
         for suffix in ("png", "svg"):
-            first, second = (
-                (tmp_path / name / f"world_0.2.{suffix}").read_bytes() for name in ("one", "two")
-            )
+            first, second = ((tmp_path / name / f"world_0.2.{suffix}").read_bytes() for name in ("one", "two"))
             assert first == second
         assert (tmp_path / "one" / "world_0.2.png").read_bytes().startswith(b"\x89PNG")
 

@@ -87,9 +87,7 @@ def _walks(count, names=("x", "y"), ids=None):
         )
         for i in range(count)
     ]
-    return Demonstrations.from_trajectories(
-        walks, Space(tuple(map(Continuous, names))), Space((Binary("jump"),))
-    )
+    return Demonstrations.from_trajectories(walks, Space(tuple(map(Continuous, names))), Space((Binary("jump"),)))
 
 
 def _style(index, demonstrations, **fields):
@@ -173,9 +171,7 @@ class TestPage:
         assert "url(" not in full
 
     def test_allows_its_own_script_and_no_other(self, full):
-        policy = next(
-            a["content"] for t, a in Page(full).tags if a.get("http-equiv") == "Content-Security-Policy"
-        )
+        policy = next(a["content"] for t, a in Page(full).tags if a.get("http-equiv") == "Content-Security-Policy")
         digest = b64encode(hashlib.sha256(Page(full).scripts[1].encode()).digest()).decode()
         assert f"script-src 'sha256-{digest}'" in policy
         assert "default-src 'none'" in policy
@@ -218,9 +214,7 @@ class TestPage:
         assert path.read_text(encoding="utf-8") == full
         assert list(tmp_path.iterdir()) == [path]
         before = path.read_text(encoding="utf-8")
-        broken = _content(
-            styles=(_style(0, _walks(12), draw=lambda axes, walk: 1 / 0), _style(1, _walks(12)))
-        )
+        broken = _content(styles=(_style(0, _walks(12), draw=lambda axes, walk: 1 / 0), _style(1, _walks(12))))
         with pytest.raises(ZeroDivisionError):
             write(broken, path)
         assert path.read_text(encoding="utf-8") == before
@@ -355,9 +349,7 @@ class TestTestEpisodes:
 
 class TestContent:
     def test_lengths_must_agree(self):
-        with pytest.raises(
-            ValueError, match="12 demonstrations need as many of everything, got 3 probability"
-        ):
+        with pytest.raises(ValueError, match="12 demonstrations need as many of everything, got 3 probability"):
             _content(probability=np.ones(3))
 
     def test_assignments_need_their_style(self):

@@ -105,18 +105,14 @@ class _Renderer(RendererBase):
                 properties.append(f"stroke-opacity:{alpha:.2g}")
             dashes = gc.get_dashes()[1]
             if dashes is not None:
-                properties.append(
-                    "stroke-dasharray:" + " ".join(_number(d) for d in np.asarray(dashes, float))
-                )
+                properties.append("stroke-dasharray:" + " ".join(_number(d) for d in np.asarray(dashes, float)))
         return ";".join(properties)
 
     def _add(self, outline: str, gc: GraphicsContextBase, face: Any) -> None:
         if outline:
             self.shapes.append(f'<path style="{self._style(gc, face)}" d="{outline}"/>')
 
-    def draw_path(
-        self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None
-    ) -> None:
+    def draw_path(self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None) -> None:
         face = rgbFace if rgbFace is not None and (len(rgbFace) < 4 or rgbFace[3] > 0) else None
         self._add(self._outline(path, transform, gc, filled=face is not None), gc, face)
 

@@ -112,15 +112,11 @@ def draw_trajectory(
         draw_events(axes, at, marker=marker, label=action_space.names[column])
 
 
-def draw_path(
-    axes: Axes, path: FloatArray, colour: str, *, linestyle: LineStyleType = "-", label: str = ""
-) -> None:
+def draw_path(axes: Axes, path: FloatArray, colour: str, *, linestyle: LineStyleType = "-", label: str = "") -> None:
     """A path (N, 2): a line from an open circle to a full one."""
     axes.plot(*path.T, color=colour, linewidth=1.1, linestyle=linestyle, label=label)
     for name, end, face in (("start", path[:1], PAPER), ("end", path[-1:], colour)):
-        axes.plot(
-            *end.T, "o", color=colour, markersize=3.6, markerfacecolor=face, markeredgewidth=0.9, label=name
-        )
+        axes.plot(*end.T, "o", color=colour, markersize=3.6, markerfacecolor=face, markeredgewidth=0.9, label=name)
 
 
 def draw_events(axes: Axes, at: FloatArray, *, marker: str = "x", label: str = "") -> None:
@@ -129,9 +125,7 @@ def draw_events(axes: Axes, at: FloatArray, *, marker: str = "x", label: str = "
         axes.plot(*at.T, marker, markersize=5, color=INK, markeredgewidth=1.3, label=label)
 
 
-def _draw_lanes(
-    axes: Axes, trajectory: Trajectory, observation_space: Space, action_space: Space, colour: str
-) -> None:
+def _draw_lanes(axes: Axes, trajectory: Trajectory, observation_space: Space, action_space: Space, colour: str) -> None:
     """A lane for each signal that varies, the first `_MOST_LANES` of them, observations before actions."""
     lanes = [
         (signal, _numbers(space, rows, column), shade)

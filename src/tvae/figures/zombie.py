@@ -46,9 +46,7 @@ def draw_zombie(axes: Axes, trajectory: Trajectory, colour: str = STYLE_COLOURS[
     axes.set_aspect("equal")
     circles = (("goal", _GOAL, _GOAL_RADIUS, "-"), ("the zombie's range", zombie[-1], _ZOMBIE_RANGE, ":"))
     for name, (x, y), radius, line in circles:
-        circle = Circle(
-            (x, y), radius, fill=False, edgecolor=MUTED, linestyle=line, linewidth=0.8, label=name
-        )
+        circle = Circle((x, y), radius, fill=False, edgecolor=MUTED, linestyle=line, linewidth=0.8, label=name)
         axes.add_patch(circle)
     draw_path(axes, zombie, MUTED, linestyle=(0, (1, 1.5)), label="zombie")
     draw_path(axes, agent, colour, label="agent")

@@ -104,9 +104,7 @@ def metric_rows(metrics: Mapping[str, Any], path: tuple[str, ...] = ()) -> Itera
         found = measured(value)
         if found is not None and found.interval is not None:
             low, high = found.interval
-            yield MetricRow(
-                (*path, name), number(found.mean), f"{number(low)} to {number(high)}", found.basis
-            )
+            yield MetricRow((*path, name), number(found.mean), f"{number(low)} to {number(high)}", found.basis)
         elif isinstance(value, Mapping):
             yield from metric_rows(value, (*path, name))
         elif (

@@ -98,9 +98,7 @@ def view(content: ReportContent) -> View:
         tiles=_tiles(content),
         cards=_cards(content, pictures, sketches.keys),
         explorer=_explorer(content, pictures, always) if latent else None,
-        curves=Markup(to_markup(training_curves(content.records), "Training curves"))
-        if content.records
-        else None,
+        curves=Markup(to_markup(training_curves(content.records), "Training curves")) if content.records else None,
         signals=tuple(
             (role, signal.name, describe(signal))
             for role, space in (
@@ -110,9 +108,7 @@ def view(content: ReportContent) -> View:
             for signal in space.signals
         ),
         metrics=tuple(metric_rows(content.metrics)),
-        config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str)
-        if content.config
-        else "",
+        config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str) if content.config else "",
     )
 
 
@@ -187,8 +183,7 @@ def _cards(
             width=f"{100 * style.weight:.4g}%",
             sentences=style.sentences,
             prototypes=tuple(
-                Cell(Markup(pictures[position]), content.episode_ids[position])
-                for position in style.prototypes
+                Cell(Markup(pictures[position]), content.episode_ids[position]) for position in style.prototypes
             ),
             tests=tuple(_test_cell(style, position, next(played)) for position in positions),
             outcome=_outcome(style, len(positions)),
@@ -246,8 +241,6 @@ def _explorer(content: ReportContent, pictures: Mapping[int, str], always: Seque
         for position, place in zip(chosen, latent.places, strict=True)
     ]
     total = len(content.demonstrations)
-    caption = (
-        f"{len(chosen):,} of {total:,} episodes, evenly from every style." if len(chosen) < total else ""
-    )
+    caption = f"{len(chosen):,} of {total:,} episodes, evenly from every style." if len(chosen) < total else ""
     first = int(np.searchsorted(chosen, always[0])) if always else 0
     return Explorer(Markup(latent.picture), {"styles": names, "episodes": episodes, "first": first}, caption)
