@@ -346,6 +346,26 @@ class TestTestEpisodes:
         with pytest.raises(ValueError, match="3 test episodes need as many outcomes, got 2"):
             _style(0, _walks(4), test_episodes=_walks(3), succeeded=np.array([True, False]))
 
+    def test_the_key_names_what_only_the_bot_did(self):
+        content = _content()
+        still = Demonstrations.from_trajectories(
+            [Trajectory(walk.observations, 0 * walk.actions, attributes=walk.attributes) for walk in _walks(12)],
+            content.demonstrations.observation_space,
+            content.demonstrations.action_space,
+        )
+        styles = (replace(content.styles[0], test_episodes=_walks(3)), content.styles[1])
+        page = Page(render(replace(content, demonstrations=still, styles=styles)))
+        assert page.words.count("jump") == 3  # the key in the card, the one of the bot, the table of signals
+        assert Page(render(replace(content, demonstrations=still))).words.count("jump") == 1
+
+    def test_many_styles_show_fewer_each(self):
+        content = _content()
+        styles = tuple(_style(k, content.demonstrations, test_episodes=_walks(30), prototypes=()) for k in range(3))
+        few = Page(render(replace(content, assignment=np.zeros(12, dtype=np.int64), styles=styles[:1])))
+        many = Page(render(replace(content, styles=styles * 3)))
+        assert [tag for tag, _ in few.tags].count("figure") == 24
+        assert [tag for tag, _ in many.tags].count("figure") == 9 * 6
+
 
 class TestContent:
     def test_lengths_must_agree(self):

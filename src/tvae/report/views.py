@@ -19,10 +19,10 @@ from tvae.spaces import IntArray, describe
 
 _MOST_EPISODES = 300
 """How many episodes open in the latent space."""
-_MOST_BYTES = 1_200_000
+_MOST_BYTES = 900_000
 """How much their pictures may weigh together."""
-_TEST_EPISODES = 24
-"""How many of a style's test episodes are shown."""
+_ROW = 6
+"""How many pictures stand in a row of a wide page."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,8 @@ def _sketch_demonstrations(content: ReportContent, chosen: IntArray) -> Sketches
 def _cards(
     content: ReportContent, pictures: Mapping[int, str], keys: Mapping[Draw, tuple[Entry, ...]]
 ) -> tuple[Card, ...]:
-    tests = [_tests(style) for style in content.styles]
+    rows = max(1, min(4, 16 // len(content.styles)))
+    tests = [_tests(style, _ROW * rows) for style in content.styles]
     sketches = sketch(
         [
             (style.test_episodes[position], style.draw, f"{_title(style)}, test episode {position + 1}")
@@ -187,19 +188,24 @@ def _cards(
             ),
             tests=tuple(_test_cell(style, position, next(played)) for position in positions),
             outcome=_outcome(style, len(positions)),
-            key=keys.get(style.draw) or sketches.keys.get(style.draw, ()),
+            key=_union(keys.get(style.draw, ()), sketches.keys.get(style.draw, ())),
         )
         for index, (style, positions) in enumerate(zip(content.styles, tests, strict=True))
     )
 
 
-def _tests(style: StyleSection) -> list[int]:
-    """Positions of the test episodes that are shown."""
+def _union(first: Sequence[Entry], second: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Each name once: a bot may do what no demonstration did."""
+    return tuple({entry.name: entry for entry in (*first, *second)}.values())
+
+
+def _tests(style: StyleSection, count: int) -> list[int]:
+    """Positions of at most `count` test episodes to show."""
     if style.test_episodes is None:
         return []
     unjudged = np.ones(len(style.test_episodes), dtype=np.bool_)
     outcomes = unjudged if style.succeeded is None else style.succeeded
-    return [int(position) for position in in_proportion(outcomes, _TEST_EPISODES)]
+    return [int(position) for position in in_proportion(outcomes, count)]
 
 
 def _test_cell(style: StyleSection, position: int, picture: str) -> Cell:
