@@ -131,7 +131,7 @@ def _interval(found: Measured) -> str:
     if found.interval is None:
         return ""
     low, high = found.interval
-    return f"95 % interval {percent(low)} to {percent(high)}"
+    return f"{percent(0.95)} interval {percent(low)} to {percent(high)}"
 
 
 def _tiles(content: ReportContent) -> tuple[Tile, ...]:
