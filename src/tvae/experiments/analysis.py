@@ -58,14 +58,16 @@ def analyse(
 
 
 def match(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[int, str]:
-    """The label that most episodes of each style carry; where two styles share one, they get no label."""
+    """The label that more than half of a style's episodes carry; where two styles share one, they get none."""
     if "label" not in demonstrations.attributes:
         return {}
     labels = demonstrations.attributes["label"].astype(str)
-    most = {
-        style.index: Counter(labels[playstyles.assignment == style.index].tolist()).most_common(1)[0][0]
-        for style in playstyles.styles
-    }
+    most: dict[int, str] = {}
+    for style in playstyles.styles:
+        carried = labels[playstyles.assignment == style.index].tolist()
+        (label, count), *_ = Counter(carried).most_common(1)
+        if 2 * count > len(carried):
+            most[style.index] = label
     counts = Counter(most.values())
     return {index: label for index, label in most.items() if counts[label] == 1}
 
