@@ -15,13 +15,16 @@ An environment may name its numbers in `metadata["signal_names"]`, a mapping wit
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces as gym
 from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
 
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
@@ -34,22 +37,54 @@ def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | Non
     Raises `TypeError` for a space that is no vector of numbers (an image, a text, a graph).
 
     >>> import numpy as np
-    >>> action = gym.Dict({"heading": gym.Box(-np.pi, np.pi, dtype=np.float64), "attack": gym.MultiBinary(1)})
+    >>> heading = gym.Box(-np.pi, np.pi, dtype=np.float64)
+    >>> action = gym.Dict({"heading": heading, "attack": gym.MultiBinary(1)})
     >>> [s.name for s in space_from_gymnasium(action).signals]
     ['attack', 'heading']
     """
     signals = tuple(_signals(space, ()))
     if names is not None:
         if len(names) != len(signals):
-            raise ValueError(f"{len(signals)} signals need as many names, got {len(names)}: {', '.join(names)}")
-        signals = tuple(_renamed(signal, name) for signal, name in zip(signals, names, strict=True))
+            raise ValueError(
+                f"{len(signals)} signals need as many names, got {len(names)}: {', '.join(names)}"
+            )
+        signals = tuple(replace(signal, name=name) for signal, name in zip(signals, names, strict=True))
     return Space(signals)
 
 
-def _renamed(signal: Signal, name: str) -> Signal:
-    if isinstance(signal, Categorical):
-        return Categorical(name, signal.categories)
-    return type(signal)(name)
+def gymnasium_from_space(space: Space) -> gymnasium.Space[Any]:
+    """A Gymnasium space of the same signals in the same order.
+
+    Signals of one kind make one Box (numbers and angles, float64), MultiBinary, Discrete or MultiDiscrete; a
+    mixture makes a Dict with a part for each signal. `space_from_gymnasium(..., space.names)` reads it back,
+    except that categories are then 0 .. K-1 unless they were consecutive integers.
+
+    >>> gymnasium_from_space(Space((Continuous("x"), Continuous("y"))))
+    Box(-inf, inf, (2,), float64)
+    >>> gymnasium_from_space(Space((Categorical("move", ("left", "right")), Binary("jump"))))
+    Dict('move': Discrete(2), 'jump': MultiBinary(1))
+    """
+    signals = space.signals
+    if all(isinstance(signal, Continuous | Angular) for signal in signals):
+        bounds = np.full(len(signals), np.inf)
+        bounds[space.angular] = np.pi
+        return gym.Box(-bounds, bounds, dtype=np.float64)
+    if all(isinstance(signal, Binary) for signal in signals):
+        return gym.MultiBinary(len(signals))
+    if all(isinstance(signal, Categorical) for signal in signals):
+        starts = [_start(signal.categories) for signal in signals if isinstance(signal, Categorical)]
+        if len(starts) == 1:
+            return gym.Discrete(space.num_categories[0], start=starts[0])
+        return gym.MultiDiscrete(np.array(space.num_categories), start=np.array(starts))
+    return gym.Dict(OrderedDict((signal.name, gymnasium_from_space(Space((signal,)))) for signal in signals))
+
+
+def _start(categories: tuple[int | str, ...]) -> int:
+    """The first of consecutive integers, 0 for anything else."""
+    first = categories[0]
+    if isinstance(first, int) and categories == tuple(range(first, first + len(categories))):
+        return first
+    return 0
 
 
 def _names(path: tuple[str, ...], count: int) -> list[str]:
@@ -62,15 +97,7 @@ def _names(path: tuple[str, ...], count: int) -> list[str]:
 def _signals(space: gymnasium.Space[Any], path: tuple[str, ...]) -> Iterator[Signal]:
     match space:
         case gym.Box():
-            count = int(np.prod(space.shape))
-            if np.issubdtype(space.dtype, np.integer) and len(space.shape) >= 2 and count > _MOST_COLUMNS:
-                raise TypeError(f"images are not supported: {_where(path)} is {space}; give features instead")
-            if count > _MOST_COLUMNS:
-                raise TypeError(f"at most {_MOST_COLUMNS} numbers are supported, {_where(path)} is {space}")
-            bounds = zip(space.low.ravel(), space.high.ravel(), _names(path, count), strict=True)
-            for low, high, name in bounds:
-                angular = math.isclose(low, -math.pi, rel_tol=1e-6) and math.isclose(high, math.pi, rel_tol=1e-6)
-                yield Angular(name) if angular else Continuous(name)
+            yield from _box_signals(space, path)
         case gym.Discrete():
             categories = tuple(range(int(space.start), int(space.start) + int(space.n)))
             yield Categorical(_names(path, 1)[0], categories)
@@ -89,8 +116,25 @@ def _signals(space: gymnasium.Space[Any], path: tuple[str, ...]) -> Iterator[Sig
                 yield from _signals(part, (*path, str(index)))
         case _:
             raise TypeError(
-                f"{_where(path)} must be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, got {space}"
+                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, "
+                f"got {space}"
             )
+
+
+def _box_signals(space: gym.Box, path: tuple[str, ...]) -> Iterator[Signal]:
+    count = int(np.prod(space.shape))
+    if count > _MOST_COLUMNS:
+        if np.issubdtype(space.dtype, np.integer) and len(space.shape) >= 2:
+            raise TypeError(f"images are not supported, {_where(path)} is {space}")
+        raise TypeError(f"at most {_MOST_COLUMNS} numbers are supported, {_where(path)} is {space}")
+    for angular, name in zip(_angular(space), _names(path, count), strict=True):
+        yield Angular(name) if angular else Continuous(name)
+
+
+def _angular(space: gym.Box) -> NDArray[np.bool_]:
+    """(C,) which numbers of a Box are angles: those bounded by exactly -pi and pi."""
+    low, high = space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)
+    return np.isclose(low, -np.pi, rtol=1e-6, atol=0) & np.isclose(high, np.pi, rtol=1e-6, atol=0)
 
 
 def _where(path: tuple[str, ...]) -> str:
@@ -123,9 +167,11 @@ def flatten(space: gymnasium.Space[Any], value: Any) -> FloatArray:
 def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
     """The inverse of `flatten`: rows (*lead, C) as values that the space contains.
 
-    Numbers of a Box are clipped to its bounds; angles are first wrapped to [-pi, pi).
+    Numbers of a Box are clipped to its bounds, and rounded where it holds integers; angles beyond +-pi are
+    first wrapped to [-pi, pi).
 
-    >>> unflatten(gym.Dict({"go": gym.Discrete(3, start=1), "x": gym.Box(0, 1, (2,))}), np.array([2.0, 0.5, 9.0]))
+    >>> space = gym.Dict({"go": gym.Discrete(3, start=1), "x": gym.Box(0, 1, (2,))})
+    >>> unflatten(space, np.array([2.0, 0.5, 9.0]))
     {'go': array(3), 'x': array([0.5, 1. ], dtype=float32)}
     """
     match space:
@@ -137,17 +183,18 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
             return tuple(unflatten(part, columns) for part, columns in parts_)
         case gym.Discrete():
             return np.asarray(rows[..., 0] + float(space.start)).astype(space.dtype)
-    values = rows.reshape((*rows.shape[:-1], *_leaf_shape(space)))
-    if isinstance(space, gym.MultiDiscrete):
-        values = values + space.start
+    shape = (*rows.shape[:-1], *_leaf_shape(space))
     if isinstance(space, gym.Box):
-        angles = space_from_gymnasium(space).angular
-        if len(angles):
-            rows = rows.copy()
-            rows[..., angles] = wrap(rows[..., angles])
-            values = rows.reshape(values.shape)
-        values = np.clip(values.astype(space.dtype), space.low, space.high)
-    return np.asarray(values, dtype=space.dtype)
+        outside = _angular(space) & (np.abs(rows) > np.pi)
+        values = np.where(outside, wrap(rows), rows).reshape(shape)
+        values = np.clip(values, space.low, space.high)
+        if np.issubdtype(space.dtype, np.integer):
+            values = np.rint(values)
+    else:
+        values = rows.reshape(shape)
+        if isinstance(space, gym.MultiDiscrete):
+            values = values + space.start
+    return values.astype(space.dtype)
 
 
 def wrap(angle: FloatArray) -> FloatArray:
@@ -160,16 +207,26 @@ def _leaf_shape(space: gymnasium.Space[Any]) -> tuple[int, ...]:
     return tuple(space.shape)
 
 
+def _width(space: gymnasium.Space[Any]) -> int:
+    """Number of columns that `flatten` gives a value."""
+    match space:
+        case gym.Dict():
+            return sum(_width(part) for part in space.spaces.values())
+        case gym.Tuple():
+            return sum(_width(part) for part in space.spaces)
+    return math.prod(_leaf_shape(space))
+
+
 def _split(parts: Any, rows: FloatArray) -> Iterator[FloatArray]:
     start = 0
     for part in parts:
-        width = space_from_gymnasium(part).num_columns
+        width = _width(part)
         yield rows[..., start : start + width]
         start += width
 
 
 def spaces_of(envs: VectorEnv[Any, Any, Any]) -> tuple[Space, Space]:
-    """Observation and action space of one copy, named by the environment's `signal_names` where it has them."""
+    """Observation and action space of one copy, named by the environment's `signal_names` if it has any."""
     names: Mapping[str, Sequence[str]] = envs.metadata.get("signal_names", {})
     return (
         space_from_gymnasium(envs.single_observation_space, names.get("observation")),

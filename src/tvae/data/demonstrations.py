@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +11,21 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from tvae.data.files import appearing
+from tvae.data.growing import GrowingRows
 from tvae.data.trajectory import Attribute, DataError, Trajectory
 from tvae.spaces import FloatArray, IntArray, Space
 
 FORMAT_VERSION = 1
-_SPILL_BYTES = 1 << 30
+HEADER_NAME = "demonstrations.json"
+_FLAT_ARRAYS = (
+    "observations",
+    "actions",
+    "observation_starts",
+    "action_starts",
+    "lengths",
+    "final_observed",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +37,8 @@ class Demonstrations(Sequence[Trajectory]):
     >>> import numpy as np
     >>> from tvae.spaces import Continuous, Space
     >>> episodes = [Trajectory(np.zeros((t + 1, 1)), np.ones((t, 1))) for t in (3, 5)]
-    >>> demos = Demonstrations.from_trajectories(episodes, Space((Continuous("x"),)), Space((Continuous("dx"),)))
+    >>> observation_space, action_space = Space((Continuous("x"),)), Space((Continuous("dx"),))
+    >>> demos = Demonstrations.from_trajectories(episodes, observation_space, action_space)
     >>> len(demos), demos.num_steps, demos.lengths.tolist(), len(demos[1])
     (2, 8, [3, 5], 5)
     """
@@ -156,8 +166,8 @@ class Demonstrations(Sequence[Trajectory]):
 
         Raises `DataError` with episode, step and column at the first value that its space does not allow.
         """
-        observations = _Column(observation_space.num_columns)
-        actions = _Column(action_space.num_columns)
+        observations = GrowingRows(observation_space.num_columns)
+        actions = GrowingRows(action_space.num_columns)
         lengths: list[int] = []
         final: list[bool] = []
         steps: dict[str, list[NDArray[Any]]] = {}
@@ -199,28 +209,22 @@ class Demonstrations(Sequence[Trajectory]):
             counts,
             np.array(final),
             {key: np.concatenate(parts) for key, parts in steps.items()},
-            {key: np.array(values) for key, values in attributes.items()},
+            {key: _attribute_values(key, values) for key, values in attributes.items()},
         )
 
-    def write(self, directory: Path) -> None:
-        """Write the flat arrays to a new directory that `open` maps into memory. It appears only when whole."""
-        if directory.exists():
-            raise FileExistsError(f"{directory} exists already")
+    def write(self, directory: Path, *, overwrite: bool = False) -> None:
+        """Write the flat arrays to a directory that `open` maps into memory. It appears only when whole.
+
+        Raises `FileExistsError` where it exists and `overwrite` is False, or holds something else.
+        """
+        if overwrite and directory.exists() and not (directory / HEADER_NAME).is_file():
+            raise FileExistsError(f"{directory} exists already and holds no demonstrations")
         packed = Demonstrations.from_trajectories(self, self.observation_space, self.action_space)
-        partial = directory.with_name(directory.name + ".partial")
-        partial.mkdir(parents=True)
         arrays = {
-            "observations": packed.observations,
-            "actions": packed.actions,
-            "observation_starts": packed.observation_starts,
-            "action_starts": packed.action_starts,
-            "lengths": packed.lengths,
-            "final_observed": packed.final_observed,
-            **{f"steps.{name}": values for name, values in packed.steps.items()},
-            **{f"attributes.{name}": values for name, values in packed.attributes.items()},
+            **{name: getattr(packed, name) for name in _FLAT_ARRAYS},
+            **{f"step_{index}": values for index, values in enumerate(packed.steps.values())},
+            **{f"attribute_{index}": values for index, values in enumerate(packed.attributes.values())},
         }
-        for name, values in arrays.items():
-            np.save(partial / f"{name}.npy", values, allow_pickle=False)
         header = {
             "format": "tvae-demonstrations",
             "version": FORMAT_VERSION,
@@ -229,35 +233,56 @@ class Demonstrations(Sequence[Trajectory]):
             "steps": list(packed.steps),
             "attributes": list(packed.attributes),
         }
-        (partial / "demonstrations.json").write_text(json.dumps(header, indent=2))
-        partial.rename(directory)
+        with appearing(directory, overwrite=overwrite) as partial:
+            partial.mkdir()
+            for name, values in arrays.items():
+                np.save(partial / f"{name}.npy", values, allow_pickle=False)
+            (partial / HEADER_NAME).write_text(json.dumps(header, indent=2), encoding="utf-8")
 
     @classmethod
     def open(cls, directory: Path) -> Demonstrations:
-        """What `write` wrote, memory-mapped: nothing is read before it is used."""
-        header = json.loads((directory / "demonstrations.json").read_text())
-        if header.get("format") != "tvae-demonstrations" or header.get("version") != FORMAT_VERSION:
-            raise DataError(
-                f"{directory}: needs format tvae-demonstrations, version {FORMAT_VERSION}, "
-                f"got {header.get('format')!r}, version {header.get('version')!r}"
-            )
+        """What `write` wrote, memory-mapped: nothing is read before it is used.
+
+        Raises `DataError` if the directory holds something else or a part is missing or damaged.
+        """
 
         def mapped(name: str) -> NDArray[Any]:
             values: NDArray[Any] = np.load(directory / f"{name}.npy", mmap_mode="r", allow_pickle=False)
             return values
 
-        return cls(
-            Space.from_json(header["observation_space"]),
-            Space.from_json(header["action_space"]),
-            observations=mapped("observations"),
-            actions=mapped("actions"),
-            observation_starts=mapped("observation_starts"),
-            action_starts=mapped("action_starts"),
-            lengths=mapped("lengths"),
-            final_observed=mapped("final_observed"),
-            steps={name: mapped(f"steps.{name}") for name in header["steps"]},
-            attributes={name: mapped(f"attributes.{name}") for name in header["attributes"]},
-        )
+        try:
+            header = json.loads((directory / HEADER_NAME).read_text(encoding="utf-8"))
+            if header.get("format") != "tvae-demonstrations" or header.get("version") != FORMAT_VERSION:
+                raise DataError(
+                    f"{directory}: needs format tvae-demonstrations, version {FORMAT_VERSION}, "
+                    f"got {header.get('format')!r}, version {header.get('version')!r}"
+                )
+            return cls(
+                Space.from_json(header["observation_space"]),
+                Space.from_json(header["action_space"]),
+                mapped("observations"),
+                mapped("actions"),
+                mapped("observation_starts"),
+                mapped("action_starts"),
+                mapped("lengths"),
+                mapped("final_observed"),
+                {name: mapped(f"step_{index}") for index, name in enumerate(header["steps"])},
+                {name: mapped(f"attribute_{index}") for index, name in enumerate(header["attributes"])},
+            )
+        except DataError:
+            raise
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
+            raise DataError(f"{directory}: no whole set of demonstrations: {error}") from error
+
+
+def _attribute_values(name: str, values: list[Attribute]) -> NDArray[Any]:
+    """(E,) one value an episode; numbers and text do not mix."""
+    array = np.array(values)
+    mixed = array.dtype.kind == "U" and not all(isinstance(value, str) for value in values)
+    if array.dtype.kind not in "biufU" or mixed or array.ndim != 1:
+        kinds = ", ".join(sorted({type(value).__name__ for value in values}))
+        raise DataError(f"attribute {name!r} needs text, numbers or booleans, of one kind; got {kinds}")
+    return array
 
 
 def check(trajectory: Trajectory, observation_space: Space, action_space: Space, episode: Attribute) -> None:
@@ -276,35 +301,3 @@ def check(trajectory: Trajectory, observation_space: Space, action_space: Space,
             raise DataError(
                 f"episode {episode}, step {problem.row}, column {what}.{problem.column}: {problem.message}"
             )
-
-
-class _Column:
-    """Grows in memory and, once large, in an unnamed temporary file that is then memory-mapped."""
-
-    def __init__(self, width: int) -> None:
-        self._width = width
-        self._parts: list[FloatArray] = []
-        self._pending = 0
-        self._rows = 0
-        self._file: Any = None
-
-    def append(self, rows: FloatArray) -> None:
-        self._parts.append(np.ascontiguousarray(rows, dtype=np.float64))
-        self._pending += rows.nbytes
-        self._rows += len(rows)
-        if self._pending > _SPILL_BYTES:
-            self._spill()
-
-    def _spill(self) -> None:
-        if self._file is None:
-            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the map
-        for part in self._parts:
-            part.tofile(self._file)
-        self._parts, self._pending = [], 0
-
-    def finish(self) -> FloatArray:
-        if self._file is None:
-            return np.concatenate(self._parts) if self._parts else np.zeros((0, self._width))
-        self._spill()
-        self._file.flush()
-        return np.memmap(self._file, dtype=np.float64, mode="r", shape=(self._rows, self._width))

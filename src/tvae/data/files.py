@@ -1,0 +1,50 @@
+"""Files and directories that appear only when they are whole."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """A temporary name beside `path`; what is written under it takes the name `path` if all goes well.
+
+    It may be a file or a directory. If the block raises, nothing is left behind and an older `path` stays.
+
+    Raises `FileExistsError` where `path` exists and `overwrite` is False.
+
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "numbers.txt"
+    >>> with appearing(target) as partial:
+    ...     _ = partial.write_text("1 2 3")
+    >>> target.read_text(), partial.exists()
+    ('1 2 3', False)
+    """
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} exists already")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    _remove(partial)
+    try:
+        yield partial
+        if path.is_dir():
+            older = path.with_name(f".{path.name}.{os.getpid()}.older")
+            _remove(older)
+            path.rename(older)
+            partial.rename(path)
+            _remove(older)
+        else:
+            partial.replace(path)
+    finally:
+        _remove(partial)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

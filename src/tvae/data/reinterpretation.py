@@ -1,0 +1,66 @@
+"""The same recordings with other kinds of signals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+
+from tvae.data.columns import KindError, decode, encode, signal_of
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.table_schema import ACTION, OBSERVATION
+from tvae.data.trajectory import DataError
+from tvae.spaces import FloatArray, Signal, Space
+
+
+def with_kinds(demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]]) -> Demonstrations:
+    """Take columns, such as `observation.heading`, as signals of another kind.
+
+    Raises `DataError` for an unknown column and for values that cannot be of that kind.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> from tvae.spaces import Angular
+    >>> walk = from_arrays([np.zeros((4, 1))], [np.ones((3, 1))])
+    >>> with_kinds(walk, {"action.0": Angular}).action_space.signals
+    (Angular(name='0'),)
+    """
+    columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
+    columns += [ACTION + name for name in demonstrations.action_space.names]
+    for name in kinds:
+        if name not in columns:
+            raise DataError(f"column {name} was given a kind, but there are only {', '.join(columns)}")
+    observation_space, observations = _changed(
+        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds
+    )
+    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds)
+    return replace(
+        demonstrations,
+        observation_space=observation_space,
+        action_space=action_space,
+        observations=observations,
+        actions=actions,
+    )
+
+
+def _changed(
+    prefix: str, space: Space, rows: FloatArray, kinds: Mapping[str, type[Signal]]
+) -> tuple[Space, FloatArray]:
+    """The space and, copied only where values change, its rows (N, C)."""
+    signals = list(space.signals)
+    for index, old in enumerate(space.signals):
+        kind = kinds.get(prefix + old.name, type(old))
+        if kind is type(old):
+            continue
+        try:
+            column = np.ascontiguousarray(rows[:, index])
+            values = pa.chunked_array([decode(old, column)])
+            signals[index] = signal_of(old.name, values, kind)
+            encoded = encode(signals[index], values)
+        except KindError as error:
+            raise DataError(f"column {prefix}{old.name}: {error}") from None
+        if not np.array_equal(encoded, column):
+            rows = np.array(rows)
+            rows[:, index] = encoded
+    return Space(tuple(signals)), rows

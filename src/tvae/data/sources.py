@@ -1,0 +1,141 @@
+"""Demonstrations from wherever they are, and to wherever they shall go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from tvae.data.columns import kinds_by_column
+from tvae.data.demonstrations import HEADER_NAME, Demonstrations
+from tvae.data.minari_source import find_minari, is_minari_id, minari_root, read_minari
+from tvae.data.minari_target import write_minari
+from tvae.data.reinterpretation import with_kinds
+from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name
+from tvae.data.tabular import read_table, write_csv, write_parquet
+from tvae.data.trajectory import DataError
+from tvae.spaces import Space
+
+MINARI_PREFIX = "minari:"
+DIRECTORY_SUFFIX = ".tvae"
+
+
+def load_demonstrations(
+    source: str | Path,
+    *,
+    angular: Sequence[str] = (),
+    continuous: Sequence[str] = (),
+    categorical: Sequence[str] = (),
+    observation_space: Space | None = None,
+    action_space: Space | None = None,
+) -> Demonstrations:
+    """Demonstrations from a file, a directory or a Minari id.
+
+    | source                                         | read by                              |
+    |------------------------------------------------|--------------------------------------|
+    | file `.parquet`, `.csv`, `.csv.gz`             | `read_table`                         |
+    | directory that `Demonstrations.write` made     | `Demonstrations.open`, memory-mapped |
+    | directory of a Minari data set                 | `read_minari`                        |
+    | `namespace/name-v0`, `minari:` and one of both | `read_minari`                        |
+
+    `angular`, `continuous` and `categorical` name columns, such as `observation.heading`, that are of another
+    kind than the source suggests. Given spaces, such as a model's, must fit; a table is read by their names
+    and categories.
+
+    Raises `DataError`, which says what was tried, where and what is wrong.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "walks.csv"
+    >>> _ = path.write_text("episode,step,observation.x,action.heading\\n0,0,0.5,3.1\\n0,1,1.5,-3.1\\n")
+    >>> load_demonstrations(path, angular=["action.heading"]).action_space.signals
+    (Angular(name='heading'),)
+    """
+    if is_table(source):
+        return read_table(
+            source,
+            angular=angular,
+            continuous=continuous,
+            categorical=categorical,
+            observation_space=observation_space,
+            action_space=action_space,
+        )
+    demonstrations = _read(source)
+    try:
+        demonstrations = with_kinds(demonstrations, kinds_by_column(angular, continuous, categorical))
+        _check_spaces(demonstrations, observation_space, action_space)
+    except DataError as error:
+        raise DataError(f"{source}: {error}") from None
+    return demonstrations
+
+
+def is_table(source: str | Path) -> bool:
+    """Whether it is a file or named like one."""
+    path = Path(source)
+    return path.is_file() or (not path.is_dir() and (is_parquet_name(path) or is_csv_name(path)))
+
+
+def _read(source: str | Path) -> Demonstrations:
+    text, path = str(source), Path(source)
+    if text.startswith(MINARI_PREFIX):
+        return read_minari(text.removeprefix(MINARI_PREFIX))
+    if (path / HEADER_NAME).is_file():
+        return Demonstrations.open(path)
+    if find_minari(text) is not None:
+        return read_minari(text)
+    if path.is_dir():
+        raise DataError(
+            f"{source}: a directory without {HEADER_NAME} (of demonstrations) and without metadata.json or "
+            "data/metadata.json (of a Minari data set)"
+        )
+    where = f"no Minari data set of this id under {minari_root()}; `minari download {text}` fetches one"
+    tried = where if is_minari_id(text) else "no Minari id either, which looks like namespace/name-v0"
+    raise DataError(f"{source}: no such file, no such directory, and {tried}")
+
+
+def _check_spaces(
+    demonstrations: Demonstrations, observation_space: Space | None, action_space: Space | None
+) -> None:
+    for what, wanted, got in (
+        ("observations", observation_space, demonstrations.observation_space),
+        ("actions", action_space, demonstrations.action_space),
+    ):
+        differences = [] if wanted is None else wanted.differences(got)
+        if differences:
+            raise DataError(f"{what} differ from what is expected: {'; '.join(differences)}")
+
+
+def save_demonstrations(
+    demonstrations: Demonstrations, target: str | Path, *, overwrite: bool = False
+) -> None:
+    """Write demonstrations in the form that the target's name says.
+
+    | target                     | written                                   |
+    |----------------------------|-------------------------------------------|
+    | `NAME.parquet`             | Parquet file                              |
+    | `NAME.csv`, `NAME.csv.gz`  | CSV file and `NAME.schema.json`           |
+    | `NAME.tvae`                | directory that is opened memory-mapped    |
+    | `minari:namespace/name-v0` | Minari data set under Minari's root       |
+    | `minari:DIRECTORY`         | Minari data set in a directory of its own |
+
+    All are read back without loss. Raises `FileExistsError` where the target exists and `overwrite` is False,
+    and `DataError` for any other name.
+
+    >>> import tempfile
+    >>> from tvae.data.arrays import from_arrays
+    >>> target = Path(tempfile.mkdtemp()) / "walks.tvae"
+    >>> save_demonstrations(from_arrays([[[0.0], [1.0]]], [[[1.0]]]), target)
+    >>> load_demonstrations(target)[0].observations.tolist()
+    [[0.0], [1.0]]
+    """
+    text, path = str(target), Path(target)
+    if text.startswith(MINARI_PREFIX):
+        rest = text.removeprefix(MINARI_PREFIX)
+        write_minari(demonstrations, rest if is_minari_id(rest) else Path(rest), overwrite=overwrite)
+    elif is_parquet_name(path):
+        write_parquet(demonstrations, path, overwrite=overwrite)
+    elif is_csv_name(path):
+        write_csv(demonstrations, path, overwrite=overwrite)
+    elif path.suffix == DIRECTORY_SUFFIX:
+        demonstrations.write(path, overwrite=overwrite)
+    else:
+        names = ", ".join((*PARQUET_SUFFIXES, *CSV_SUFFIXES, DIRECTORY_SUFFIX))
+        raise DataError(f"{target}: the name needs to end with {names}, or to begin with {MINARI_PREFIX}")

@@ -1,0 +1,170 @@
+"""What is wrong with data, all of it at once, and what is in it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tvae.data.columns import kinds_by_column
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.issues import Issue
+from tvae.data.ragged import blocks, ranges
+from tvae.data.sources import is_table, load_demonstrations
+from tvae.data.table_files import read_table_file
+from tvae.data.table_rows import examine
+from tvae.data.table_schema import ACTION, OBSERVATION
+from tvae.data.trajectory import Attribute, DataError
+from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe
+
+_BLOCK_STEPS = 1 << 20
+_MOST_VALUES = 20
+
+
+def validate(
+    source: str | Path,
+    *,
+    angular: Sequence[str] = (),
+    continuous: Sequence[str] = (),
+    categorical: Sequence[str] = (),
+) -> list[Issue]:
+    """Everything that keeps `load_demonstrations` from reading a source; nothing if it is sound.
+
+    For a table each kind of problem is counted, with the first place where it stands; for other sources it
+    is the first problem.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "walks.csv"
+    >>> _ = path.write_text("episode,step,observation.x,action.go\\n7,0,,left\\n7,2,0.5,left\\n")
+    >>> for issue in validate(path):
+    ...     print(issue)
+    episode 7, step 2, column step: leaves a gap: it follows step 0
+    episode 7, step 0, column observation.x: is missing or not a number
+    """
+    try:
+        if not is_table(source):
+            load_demonstrations(source, angular=angular, continuous=continuous, categorical=categorical)
+            return []
+        table, schema = read_table_file(Path(source))
+    except DataError as error:
+        return [Issue(str(error))]
+    kinds = kinds_by_column(angular, continuous, categorical)
+    return list(examine(table, kinds=kinds, schema=schema).issues)
+
+
+@dataclass(frozen=True)
+class SignalSummary:
+    """One column of the observations or the actions."""
+
+    column: str
+    """Such as `observation.x`."""
+    kind: str
+    """Such as `continuous` or `categorical (3)`."""
+    minimum: float | None
+    mean: float | None
+    """Of angles the direction of the mean vector."""
+    maximum: float | None
+    frequencies: tuple[tuple[str, float], ...]
+    """Share of each category, or of 0 and 1; empty for numbers and angles, which have the other three."""
+
+
+@dataclass(frozen=True)
+class AttributeSummary:
+    """One fact about episodes."""
+
+    name: str
+    num_values: int
+    """How many different values there are."""
+    counts: tuple[tuple[Attribute, int], ...]
+    """The most frequent values, at most 20, and how many episodes have each."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What demonstrations hold."""
+
+    num_episodes: int
+    num_steps: int
+    length_quantiles: tuple[float, float, float, float, float]
+    """Minimum, quartiles and maximum of the numbers of steps."""
+    num_final_observed: int
+    """Episodes whose observation after the last action was recorded."""
+    signals: tuple[SignalSummary, ...]
+    steps: tuple[str, ...]
+    """Names of the step columns."""
+    attributes: tuple[AttributeSummary, ...]
+
+
+def summarise(demonstrations: Demonstrations) -> Summary:
+    """Numbers for a table of what was recorded.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> summary = summarise(from_arrays([[0.0, 4.0], [2.0, 2.0]], [["left", "right"], ["left", "left"]]))
+    >>> summary.num_episodes, summary.num_steps, summary.signals[0].mean, summary.signals[1].frequencies
+    (2, 4, 2.0, (('left', 0.75), ('right', 0.25)))
+    """
+    low, first, middle, third, high = np.quantile(demonstrations.lengths, [0, 0.25, 0.5, 0.75, 1]).tolist()
+    seen = demonstrations.lengths + demonstrations.final_observed
+    return Summary(
+        num_episodes=len(demonstrations),
+        num_steps=demonstrations.num_steps,
+        length_quantiles=(low, first, middle, third, high),
+        num_final_observed=int(demonstrations.final_observed.sum()),
+        signals=(
+            *_signals(
+                OBSERVATION,
+                demonstrations.observation_space,
+                demonstrations.observations,
+                demonstrations.observation_starts,
+                seen,
+            ),
+            *_signals(
+                ACTION,
+                demonstrations.action_space,
+                demonstrations.actions,
+                demonstrations.action_starts,
+                demonstrations.lengths,
+            ),
+        ),
+        steps=tuple(demonstrations.steps),
+        attributes=tuple(
+            _attribute(name, values.tolist()) for name, values in demonstrations.attributes.items()
+        ),
+    )
+
+
+def _attribute(name: str, values: list[Attribute]) -> AttributeSummary:
+    counts = Counter(values)
+    return AttributeSummary(name, len(counts), tuple(counts.most_common(_MOST_VALUES)))
+
+
+def _signals(
+    prefix: str, space: Space, flat: FloatArray, starts: IntArray, counts: IntArray
+) -> Iterator[SignalSummary]:
+    """A summary of each column over the rows of some episodes, read in parts."""
+    parts = list(blocks(counts, _BLOCK_STEPS))
+    for index, signal in enumerate(space.signals):
+        columns = (flat[ranges(starts[part], counts[part]), index] for part in parts)
+        yield _signal(prefix + signal.name, signal, columns)
+
+
+def _signal(column: str, signal: Signal, parts: Iterator[FloatArray]) -> SignalSummary:
+    if isinstance(signal, Categorical | Binary):
+        categories = signal.categories if isinstance(signal, Categorical) else (0, 1)
+        counts = np.zeros(len(categories))
+        for part in parts:
+            counts += np.bincount(part.astype(np.int64), minlength=len(categories))
+        frequencies = tuple(zip(map(str, categories), (counts / counts.sum()).tolist(), strict=True))
+        return SignalSummary(column, describe(signal), None, None, None, frequencies)
+    lowest, highest, total, count = math.inf, -math.inf, 0j, 0
+    for part in parts:
+        lowest, highest = min(lowest, float(part.min())), max(highest, float(part.max()))
+        with np.errstate(over="ignore"):
+            total += np.exp(1j * part).sum() if isinstance(signal, Angular) else part.sum()
+        count += len(part)
+    mean = float(np.angle(total)) if isinstance(signal, Angular) else total.real / count
+    return SignalSummary(column, describe(signal), lowest, mean, highest, ())
