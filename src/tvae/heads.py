@@ -20,10 +20,10 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.distributions import Bernoulli, Categorical, Normal, VonMises
+from torch.distributions import Bernoulli, Categorical, Normal
 from torch.nn.functional import softplus
 
-from tvae.distributions import Columns, Joint, Mixture, RowDistribution
+from tvae.distributions import Columns, Joint, Mixture, RowDistribution, VonMises
 from tvae.spaces import Space
 
 

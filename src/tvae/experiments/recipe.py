@@ -22,7 +22,7 @@ Draw: TypeAlias = Callable[[Axes, Trajectory], None]
 
 
 @dataclass(frozen=True)
-class TestGround:
+class Arena:
     """Where bots are tried: an environment and, where the task defines them, success and measures."""
 
     env: str
@@ -40,5 +40,5 @@ class Recipe:
     title: str
     demonstrations: Callable[[], Demonstrations]
     config: RunConfig
-    ground: TestGround
+    arena: Arena
     draw: Draw | None = None

@@ -25,7 +25,7 @@ def vector_env(env: str, options: Mapping[str, Any], num_episodes: int) -> Vecto
     return gymnasium.make_vec(env, num_envs=min(copies, num_episodes), **options)
 
 
-def test_episodes(
+def bot_episodes(
     model: TrajectoryVAE,
     latents: LatentSource,
     *,
