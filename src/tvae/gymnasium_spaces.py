@@ -45,9 +45,7 @@ def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | Non
     signals = tuple(_signals(space, ()))
     if names is not None:
         if len(names) != len(signals):
-            raise ValueError(
-                f"{len(signals)} signals need as many names, got {len(names)}: {', '.join(names)}"
-            )
+            raise ValueError(f"{len(signals)} signals need as many names, got {len(names)}: {', '.join(names)}")
         signals = tuple(replace(signal, name=name) for signal, name in zip(signals, names, strict=True))
     return Space(signals)
 
@@ -116,8 +114,7 @@ def _signals(space: gymnasium.Space[Any], path: tuple[str, ...]) -> Iterator[Sig
                 yield from _signals(part, (*path, str(index)))
         case _:
             raise TypeError(
-                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, "
-                f"got {space}"
+                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, got {space}"
             )
 
 
@@ -194,7 +191,7 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
         values = rows.reshape(shape)
         if isinstance(space, gym.MultiDiscrete):
             values = values + space.start
-    return values.astype(space.dtype)
+    return np.asarray(values, dtype=space.dtype)
 
 
 def wrap(angle: FloatArray) -> FloatArray:

@@ -37,22 +37,31 @@ class Head(nn.Module):
     """
 
     unit: Tensor
+    _continuous: Tensor
+    _angular: Tensor
+    _binary: Tensor
+    _categorical: Tensor
 
     def __init__(self, space: Space, in_features: int, *, floor: float, num_components: int = 1) -> None:
         super().__init__()
+        if floor <= 0:
+            raise ValueError(f"floor must be positive, got {floor}")
+        if num_components < 1:
+            raise ValueError(f"num_components must be at least 1, got {num_components}")
         self.space = space
         self.floor = floor
         self.num_components = num_components
         num_continuous, num_angular = len(space.continuous), len(space.angular)
         self._sizes = [num_continuous, num_continuous, num_angular, num_angular, num_angular, len(space.binary)]
         self._sizes += space.num_categories
-        self.weights = nn.Linear(in_features, num_components)
+        if num_components > 1:
+            self.weights = nn.Linear(in_features, num_components)
         self.parameters_of_law = nn.Linear(in_features, num_components * sum(self._sizes))
         self.register_buffer("unit", torch.ones(space.num_columns))
+        for kind in ("continuous", "angular", "binary", "categorical"):
+            self.register_buffer(f"_{kind}", torch.from_numpy(getattr(space, kind)), persistent=False)
 
-    def forward(
-        self, features: Float[Tensor, "*batch H"], origin: Float[Tensor, "*batch C"]
-    ) -> RowDistribution:
+    def forward(self, features: Float[Tensor, "*batch H"], origin: Float[Tensor, "*batch C"]) -> RowDistribution:
         """The law of the row relative to `origin`, in the form that `tvae.data.normalizer` calls values."""
         outputs = self.parameters_of_law(features)
         if self.num_components == 1:
@@ -62,25 +71,20 @@ class Head(nn.Module):
         return Mixture(weights, self._joint(outputs, origin.unsqueeze(-2)))
 
     def _joint(self, outputs: Tensor, origin: Tensor) -> Joint:
-        space = self.space
         mean, spread, x, y, width, log_odds, *logits = outputs.split(self._sizes, dim=-1)
         parts: list[Columns] = []
-        if len(space.continuous):
-            unit = self.unit[space.continuous]
-            normal = Normal(
-                origin[..., space.continuous] + unit * mean,
-                unit * (self.floor + softplus(spread)),
-                validate_args=False,
-            )
-            parts.append(Columns(space.continuous, normal))
-        if len(space.angular):
-            unit = self.unit[space.angular]
-            angle = origin[..., space.angular] + torch.atan2(y, 1 + x)
-            concentration = (unit * (self.floor + softplus(width))) ** -2
-            parts.append(Columns(space.angular, VonMises(angle, concentration, validate_args=False)))
-        if len(space.binary):
-            parts.append(Columns(space.binary, Bernoulli(logits=log_odds, validate_args=False)))
+        if len(self._continuous):
+            unit = self.unit[self._continuous]
+            start = origin.index_select(-1, self._continuous)
+            scale = unit * (self.floor + softplus(spread))
+            parts.append(Columns(self._continuous, Normal(start + unit * mean, scale, validate_args=False)))
+        if len(self._angular):
+            angle = origin.index_select(-1, self._angular) + torch.atan2(y, 1 + x)
+            scale = self.unit[self._angular] * (self.floor + softplus(width))
+            parts.append(Columns(self._angular, VonMises(angle, scale**-2, validate_args=False)))
+        if len(self._binary):
+            parts.append(Columns(self._binary, Bernoulli(logits=log_odds, validate_args=False)))
         for index, weights in enumerate(logits):
-            column = space.categorical[index : index + 1]
+            column = self._categorical[index : index + 1]
             parts.append(Columns(column, Categorical(logits=weights[..., None, :], validate_args=False)))
-        return Joint(space.num_columns, tuple(parts))
+        return Joint(self.space.num_columns, tuple(parts))

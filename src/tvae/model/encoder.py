@@ -12,6 +12,15 @@ from tvae.nets import BidirectionalLSTM, masked_mean
 _LOG_VARIANCE_RANGE = (-14.0, 4.0)
 
 
+class NoEncoder(nn.Module):
+    """The law of a latent without features, (B, 0): there is nothing to infer."""
+
+    def forward(self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Normal:
+        """The posterior, batch shape (B, 0)."""
+        nothing = sequence.new_zeros(len(sequence), 0)
+        return Normal(nothing, nothing, validate_args=False)
+
+
 class Encoder(nn.Module):
     """The posterior of z given a whole trajectory of any length. Padding changes nothing.
 
@@ -20,9 +29,7 @@ class Encoder(nn.Module):
     torch.Size([5, 2])
     """
 
-    def __init__(
-        self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0
-    ) -> None:
+    def __init__(self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.recurrent = BidirectionalLSTM(in_features, hidden_features)
         self.dropout = nn.Dropout(dropout)
