@@ -5,12 +5,18 @@ from __future__ import annotations
 import string
 
 import numpy as np
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.spaces import Angular, Binary, Categorical, Continuous, Signal, Space
 
+quick = settings(
+    max_examples=30,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=4)
 names = st.text(string.ascii_letters + string.digits + "._/- äß%", min_size=1, max_size=5)
 integers = st.integers(-(2**53), 2**53)
@@ -74,7 +80,8 @@ def demonstrations(draw: st.DrawFn) -> Demonstrations:
     )
     step_kinds = draw(st.sets(st.sampled_from(sorted(FACTS))))
     rewards, ends = draw(st.booleans()), draw(st.booleans())
-    attribute_kinds = draw(st.dictionaries(st.sampled_from(["label", "group", "seed", "a/b"]), st.sampled_from(sorted(FACTS))))
+    attributes = st.sampled_from(["label", "group", "seed", "a/b"])
+    attribute_kinds = draw(st.dictionaries(attributes, st.sampled_from(sorted(FACTS))))
     episodes = []
     for identity in identities:
         length = draw(st.integers(1, 4))

@@ -21,7 +21,7 @@ from tvae.envs.circle import (
     radius_errors,
 )
 from tvae.gymnasium_spaces import spaces_of
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import Angular, Continuous, Space
 
 mpl.use("Agg")

@@ -16,7 +16,7 @@ from tvae.envs.navigation import (
     navigation_demonstrations,
 )
 from tvae.gymnasium_spaces import spaces_of
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import Angular, Continuous
 
 mpl.use("Agg")

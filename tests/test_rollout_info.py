@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 
 
 class Counter(gymnasium.Env):

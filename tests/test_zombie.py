@@ -27,7 +27,7 @@ from tvae.envs.zombie import (
 )
 from tvae.envs.zombie_dynamics import GOAL, ZombieAttack, ZombieState, chases, leads, stops, zigzags
 from tvae.gymnasium_spaces import flatten, spaces_of, unflatten
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import Angular, Binary, Continuous
 
 mpl.use("Agg")

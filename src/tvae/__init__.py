@@ -65,3 +65,5 @@ register(
     entry_point="tvae.envs.circle:CircleEnv",
     vector_entry_point="tvae.envs.circle:CircleVectorEnv",
 )
+register(id="tvae/Overcooked-v0", entry_point="tvae.envs.overcooked:OvercookedEnv")
+register(id="tvae/PushT-v0", entry_point="tvae.envs.pusht:PushTEnv", max_episode_steps=300)

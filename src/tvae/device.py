@@ -7,11 +7,17 @@ from contextlib import contextmanager
 
 import torch
 
+from tvae.errors import TvaeError
+
+
+class DeviceError(TvaeError):
+    """A device that is unknown or not there."""
+
 
 def resolve_device(name: str) -> torch.device:
     """The device called `auto` (the best there is), `cpu`, `cuda` (or `cuda:N`) or `mps`.
 
-    Raises `ValueError` for an unknown name, or a device that this machine does not have.
+    Raises `DeviceError` for an unknown name, or a device that this machine does not have.
 
     >>> resolve_device("cpu")
     device(type='cpu')
@@ -21,10 +27,10 @@ def resolve_device(name: str) -> torch.device:
         return torch.device(next(kind for kind in ("cuda", "mps", "cpu") if there[kind]))
     kind, _, index = name.partition(":")
     if kind not in there or (index and not (kind == "cuda" and index.isdigit())):
-        raise ValueError(f"device must be auto, cpu, cuda, cuda:N or mps, got {name!r}")
+        raise DeviceError(f"device must be auto, cpu, cuda, cuda:N or mps, got {name!r}")
     if not there[kind] or (index and int(index) >= torch.cuda.device_count()):
         usable = ", ".join(kind for kind, usable in there.items() if usable)
-        raise ValueError(f"device {name!r} is not there; this machine and this torch have: {usable}")
+        raise DeviceError(f"device {name!r} is not there; this machine and this torch have: {usable}")
     return torch.device(name)
 
 

@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
 _MOST_COLUMNS = 4096
+_PI_TOLERANCE = 1e-6
+"""pi in single precision differs from pi by 9e-8."""
 
 
 def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | None = None) -> Space:
@@ -45,7 +47,9 @@ def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | Non
     signals = tuple(_signals(space, ()))
     if names is not None:
         if len(names) != len(signals):
-            raise ValueError(f"{len(signals)} signals need as many names, got {len(names)}: {', '.join(names)}")
+            raise ValueError(
+                f"{len(signals)} signals need as many names, got {len(names)}: {', '.join(names)}"
+            )
         signals = tuple(replace(signal, name=name) for signal, name in zip(signals, names, strict=True))
     return Space(signals)
 
@@ -114,7 +118,8 @@ def _signals(space: gymnasium.Space[Any], path: tuple[str, ...]) -> Iterator[Sig
                 yield from _signals(part, (*path, str(index)))
         case _:
             raise TypeError(
-                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, got {space}"
+                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, "
+                f"got {space}"
             )
 
 
@@ -130,8 +135,9 @@ def _box_signals(space: gym.Box, path: tuple[str, ...]) -> Iterator[Signal]:
 
 def _angular(space: gym.Box) -> NDArray[np.bool_]:
     """(C,) which numbers of a Box are angles: those bounded by exactly -pi and pi."""
-    low, high = space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)
-    return np.isclose(low, -np.pi, rtol=1e-6, atol=0) & np.isclose(high, np.pi, rtol=1e-6, atol=0)
+    low, high = space.low.ravel(), space.high.ravel()
+    distance = np.maximum(np.abs(low + np.pi), np.abs(high - np.pi))
+    return np.asarray(distance < _PI_TOLERANCE)
 
 
 def _where(path: tuple[str, ...]) -> str:
@@ -191,7 +197,7 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
         values = rows.reshape(shape)
         if isinstance(space, gym.MultiDiscrete):
             values = values + space.start
-    return np.asarray(values, dtype=space.dtype)
+    return np.asarray(values).astype(space.dtype)
 
 
 def wrap(angle: FloatArray) -> FloatArray:

@@ -17,11 +17,14 @@ other term of the objective.
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Bernoulli, Categorical, Normal
-from torch.nn.functional import softplus
+from torch.nn.functional import pad, softplus
 
 from tvae.distributions import Columns, Joint, Mixture, RowDistribution, VonMises
 from tvae.spaces import Space
@@ -41,6 +44,7 @@ class Head(nn.Module):
     _angular: Tensor
     _binary: Tensor
     _categorical: Tensor
+    _slots: Tensor
 
     def __init__(self, space: Space, in_features: int, *, floor: float, num_components: int = 1) -> None:
         super().__init__()
@@ -53,11 +57,13 @@ class Head(nn.Module):
         self.num_components = num_components
         num_continuous, num_angular = len(space.continuous), len(space.angular)
         self._sizes = [num_continuous, num_continuous, num_angular, num_angular, num_angular, len(space.binary)]
-        self._sizes += space.num_categories
+        self._sizes.append(sum(space.num_categories))
         if num_components > 1:
             self.weights = nn.Linear(in_features, num_components)
         self.parameters_of_law = nn.Linear(in_features, num_components * sum(self._sizes))
         self.register_buffer("unit", torch.ones(space.num_columns))
+        slots = np.where(space.category_mask, np.cumsum(space.category_mask).reshape(space.category_mask.shape), 0) - 1
+        self.register_buffer("_slots", torch.from_numpy(slots), persistent=False)
         for kind in ("continuous", "angular", "binary", "categorical"):
             self.register_buffer(f"_{kind}", torch.from_numpy(getattr(space, kind)), persistent=False)
 
@@ -71,7 +77,7 @@ class Head(nn.Module):
         return Mixture(weights, self._joint(outputs, origin.unsqueeze(-2)))
 
     def _joint(self, outputs: Tensor, origin: Tensor) -> Joint:
-        mean, spread, x, y, width, log_odds, *logits = outputs.split(self._sizes, dim=-1)
+        mean, spread, x, y, width, log_odds, weights = outputs.split(self._sizes, dim=-1)
         parts: list[Columns] = []
         if len(self._continuous):
             unit = self.unit[self._continuous]
@@ -84,7 +90,7 @@ class Head(nn.Module):
             parts.append(Columns(self._angular, VonMises(angle, scale**-2, validate_args=False)))
         if len(self._binary):
             parts.append(Columns(self._binary, Bernoulli(logits=log_odds, validate_args=False)))
-        for index, weights in enumerate(logits):
-            column = self._categorical[index : index + 1]
-            parts.append(Columns(column, Categorical(logits=weights[..., None, :], validate_args=False)))
+        if len(self._categorical):
+            logits = pad(weights, (0, 1), value=-math.inf)[..., self._slots]
+            parts.append(Columns(self._categorical, Categorical(logits=logits, validate_args=False)))
         return Joint(self.space.num_columns, tuple(parts))

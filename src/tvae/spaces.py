@@ -146,6 +146,12 @@ class Space:
         """Number of categories of each categorical column, in the order of `categorical`."""
         return tuple(len(s.categories) for s in self.signals if isinstance(s, Categorical))
 
+    @cached_property
+    def category_mask(self) -> NDArray[np.bool_]:
+        """(number of categorical columns, most categories): which of these categories there are."""
+        most = max(self.num_categories, default=1)
+        return np.arange(most) < np.array(self.num_categories, dtype=np.int64)[:, None]
+
     @property
     def num_features(self) -> int:
         """Width of a row as a network sees it: 1 a continuous or binary signal, 2 an angle, K a category."""

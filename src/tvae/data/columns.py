@@ -208,7 +208,7 @@ def facts(values: pa.ChunkedArray) -> NDArray[Any]:
     elif not (_is_number(kind) or pa.types.is_string(kind) or pa.types.is_null(kind)):
         raise KindError(f"needs numbers, booleans, text or times, got {kind}")
     if pa.types.is_string(values.type):
-        coded = values.combine_chunks().dictionary_encode()
+        coded = values.dictionary_encode().combine_chunks()
         texts: NDArray[Any] = np.array(coded.dictionary.to_pylist() or [""], dtype=np.str_)
         return np.asarray(texts[coded.indices.to_numpy()])
     numbers: NDArray[Any] = values.to_numpy()

@@ -11,7 +11,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from tvae.data.files import appearing
+from tvae.files import appearing
 from tvae.data.growing import GrowingRows
 from tvae.data.trajectory import Attribute, DataError, Trajectory
 from tvae.spaces import FloatArray, IntArray, Space

@@ -17,7 +17,7 @@ from minari.namespace import create_namespace, list_local_namespaces
 from numpy.typing import NDArray
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.files import appearing
+from tvae.files import appearing
 from tvae.data.minari_notes import COLUMNS, ENTRY, FINAL_OBSERVED, MinariNotes
 from tvae.data.minari_source import find_minari, is_minari_id, minari_root
 from tvae.data.trajectory import Attribute, DataError, Trajectory
@@ -61,7 +61,7 @@ def write_minari(
     with appearing(directory, overwrite=overwrite) as partial:
         partial.mkdir()
         storage = MinariStorage.new(
-            partial / "data",
+            (partial / "data").absolute(),  # Minari cannot size a relative path
             observation_space=_storage_space(demonstrations.observation_space, demonstrations.observations),
             action_space=_storage_space(demonstrations.action_space, demonstrations.actions),
             env_spec=None if environment is None else gymnasium.spec(environment),

@@ -41,14 +41,18 @@ class Normalizer(nn.Module):
     _continuous: Tensor
     _angular: Tensor
     _binary: Tensor
+    _categorical: Tensor
+    _categories: Tensor
 
     def __init__(self, space: Space) -> None:
         super().__init__()
         self.space = space
         self.register_buffer("mean", torch.zeros(space.num_columns))
         self.register_buffer("std", torch.ones(space.num_columns))
-        for kind in ("continuous", "angular", "binary"):
+        for kind in ("continuous", "angular", "binary", "categorical"):
             self.register_buffer(f"_{kind}", torch.from_numpy(getattr(space, kind)), persistent=False)
+        categories = np.flatnonzero(space.category_mask)
+        self.register_buffer("_categories", torch.from_numpy(categories), persistent=False)
 
     @classmethod
     def fit(cls, space: Space, rows: FloatArray) -> Self:
@@ -82,12 +86,13 @@ class Normalizer(nn.Module):
     def features(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """What a network sees of standardised rows: numbers, then cos, sin, then +-1, then one-hot categories."""
         angles = values.index_select(-1, self._angular)
-        parts = [
+        codes = values.index_select(-1, self._categorical).long()
+        one_hot = nn.functional.one_hot(codes, self.space.category_mask.shape[1]).flatten(-2)
+        parts = (
             values.index_select(-1, self._continuous),
             angles.cos(),
             angles.sin(),
             2 * values.index_select(-1, self._binary) - 1,
-        ]
-        for column, count in zip(self.space.categorical.tolist(), self.space.num_categories, strict=True):
-            parts.append(nn.functional.one_hot(values[..., column].long(), count).to(values.dtype))
+            one_hot.index_select(-1, self._categories).to(values.dtype),
+        )
         return torch.cat(parts, dim=-1)

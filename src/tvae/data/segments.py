@@ -17,7 +17,7 @@ def segment(
     """Cut episodes into segments of at most `length` steps; no step is copied.
 
     A segment begins every `stride` steps (default: `length`, so that they neither overlap nor leave gaps)
-    until one reaches the end of its recording; the last may be shorter, and is left out below `minimum` steps.
+    until one reaches the end of its recording; the last may be shorter and is left out below `minimum` steps.
     Inside a recording the observation after a segment's last action is known: it is the next one's first.
 
     Segments keep the attributes of their recording. `recording` (the attribute `episode` of the source, or

@@ -61,7 +61,7 @@ def index_table(table: pa.Table) -> tuple[pa.Table, TableIndex | None, list[Issu
     issues += [found for found in (identities, steps) if isinstance(found, Issue)]
     if isinstance(identities, Issue) or isinstance(steps, Issue):
         return table, None, issues
-    coded = identities.combine_chunks().dictionary_encode()
+    coded = identities.dictionary_encode().combine_chunks()
     member = coded.indices.to_numpy().astype(np.int64)
     new, later = np.diff(member) > 0, np.diff(member) == 0
     if not (new | (later & (np.diff(steps) >= 0))).all():

@@ -38,7 +38,7 @@ def examine(
     observation_space: Space | None = None,
     action_space: Space | None = None,
 ) -> Examined:
-    """Read a table; `kinds` override the schema's, and given spaces override both.
+    """Read a table. Given spaces override the schema's, and `kinds` override both.
 
     >>> rows = {"episode": [7, 7], "step": [0, 1], "observation.x": [0.0, 1.0], "action.dx": [1.0, None]}
     >>> table = pa.table(rows)
@@ -148,6 +148,9 @@ def _read_signals(
     rows = np.empty((table.num_rows, len(names)))
     for position, name in enumerate(names):
         column = prefix + name
+        if table[column].null_count == table.num_rows:
+            issues += index.issue(np.ones(table.num_rows, np.bool_), column, "is empty in the whole table")
+            continue
         try:
             if given is None or column in kinds:
                 signal = signal_of(name, table[column], kinds.get(column))

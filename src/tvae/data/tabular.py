@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tvae.data.columns import KindError, decode, kinds_by_column
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.files import appearing
+from tvae.files import appearing
 from tvae.data.ragged import blocks, ranges
 from tvae.data.table_files import METADATA_KEY, is_csv_name, is_parquet_name, read_table_file, schema_path
 from tvae.data.table_rows import examine
@@ -72,7 +72,7 @@ def read_table(
     )
     if examined.demonstrations is None:
         more = len(examined.issues) - 1
-        others = f" (and {more} more kinds of problems)" if more else ""
+        others = f" (and {more} other kind{'s' if more > 1 else ''} of problem)" if more else ""
         raise DataError(f"{path}: {examined.issues[0]}{others}")
     return examined.demonstrations
 

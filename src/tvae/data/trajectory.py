@@ -8,13 +8,14 @@ from typing import Any, TypeAlias
 
 from numpy.typing import NDArray
 
+from tvae.errors import TvaeError
 from tvae.spaces import FloatArray
 
 Attribute: TypeAlias = str | int | float | bool
 """A fact about a whole episode, such as its label or the pair of players."""
 
 
-class DataError(ValueError):
+class DataError(TvaeError):
     """Data that cannot be used; the message says what was needed, what came, and where."""
 
 

@@ -23,7 +23,7 @@ from tvae.envs.batched import State, TaskEnv, TaskVectorEnv
 from tvae.envs.mixing import mixed
 from tvae.envs.plane import bearing, direction, length
 from tvae.gymnasium_spaces import wrap
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import FloatArray
 
 RADII = {"left_10": 10.0, "right_10": -10.0, "left_20": 20.0}

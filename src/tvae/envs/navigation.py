@@ -22,7 +22,7 @@ from tvae.envs.batched import State, TaskEnv, TaskVectorEnv
 from tvae.envs.mixing import mixed
 from tvae.envs.plane import bearing, direction, length
 from tvae.gymnasium_spaces import wrap
-from tvae.rollout import rollout
+from tvae.rollouts import rollout
 from tvae.spaces import FloatArray
 
 NUM_STEPS = 100

@@ -36,7 +36,7 @@ from tvae.envs.zombie_experts import (
     StraightWalkAttacking,
     TwoStepAttacker,
 )
-from tvae.rollout import Policy, rollout
+from tvae.rollouts import Policy, rollout
 
 __all__ = [
     "BEHAVIOURS",
@@ -158,7 +158,7 @@ def success(demonstrations: Demonstrations) -> dict[str, NDArray[np.bool_]]:
     `attack`: the zombie is dead and the goal reached. `avoid`: the goal is reached and a living zombie never
     was nearer than 1. Both are read off the last step's info, so episodes must come from these environments.
 
-    >>> from tvae.rollout import rollout
+    >>> from tvae.rollouts import rollout
     >>> episodes = rollout(ZombieAttackVectorEnv(100), AttackExpert(), 100)
     >>> outcome = success(episodes)
     >>> float(outcome["attack"].mean()), float(outcome["avoid"].mean())

@@ -2,49 +2,106 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
+import numpy as np
 from gymnasium.vector import VectorEnv
+from rich.console import Console
+from scipy.stats import binomtest, bootstrap
 
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.sources import save_demonstrations
+from tvae.experiments.arenas import Arena, knowledge_of
+from tvae.experiments.findings import Findings
+from tvae.experiments.fitting import update_metrics
+from tvae.experiments.progress import counting
+from tvae.experiments.run_directory import RunDirectory
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import Choice, LatentSource
+from tvae.generate.decoding import Choice, LatentSource, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
-from tvae.rollout import check_spaces, rollout
+from tvae.rollouts import check_spaces, rollout
+from tvae.spaces import FloatArray
 
 _MOST_COPIES = 1000
 _COPIES_OF_SLOW_ENVIRONMENTS = 20
 
 
-def vector_env(env: str, options: Mapping[str, Any], num_episodes: int) -> VectorEnv[Any, Any, Any]:
+def vector_env(arena: Arena) -> VectorEnv[Any, Any, Any]:
     """Copies of an environment: a thousand where it steps them together, else a handful one after another."""
-    spec = gymnasium.spec(env)
+    spec = gymnasium.spec(arena.env)
     copies = _MOST_COPIES if spec.vector_entry_point is not None else _COPIES_OF_SLOW_ENVIRONMENTS
-    return gymnasium.make_vec(env, num_envs=min(copies, num_episodes), **options)
+    return gymnasium.make_vec(arena.env, num_envs=min(copies, arena.episodes), **arena.options)
 
 
 def bot_episodes(
     model: TrajectoryVAE,
     latents: LatentSource,
+    arena: Arena,
     *,
-    env: str,
-    options: Mapping[str, Any],
-    num_episodes: int,
     choice: Choice,
     window: int | None,
     seed: int,
-    on_step: Callable[[int], None] = lambda finished: None,
+    on_step: Callable[[int], None],
 ) -> Demonstrations:
     """Episodes of the bot whose z comes from `latents`.
 
     Raises `SpaceMismatchError` if the environment has other signals than the model.
     """
-    envs = vector_env(env, options, num_episodes)
+    envs = vector_env(arena)
     try:
         check_spaces(envs, model.observation_space, model.action_space)
         policy = LatentPolicy(model, latents, choice=choice, window=window)
-        return rollout(envs, policy, num_episodes, seed=seed, on_step=on_step)
+        return rollout(envs, policy, arena.episodes, seed=seed, on_step=on_step)
     finally:
         envs.close()
+
+
+def try_bots(
+    run: RunDirectory,
+    model: TrajectoryVAE,
+    findings: Findings,
+    arena: Arena,
+    *,
+    seed: int,
+    console: Console,
+) -> dict[str, Any]:
+    """Play `arena.episodes` with the bot of each style, sampled and most likely actions; keep the former.
+
+    Adds to `metrics.json` for each style, under its label or name: `success` and `success_most_likely` where the
+    environment knows success, its measures, `episode_length` and `return`, each measure with a 95 % interval.
+    """
+    knowledge = knowledge_of(arena.env)
+    found: dict[str, dict[str, Any]] = {}
+    intervals: dict[str, dict[str, Any]] = {}
+    for style in findings.playstyles.styles:
+        name = findings.name(style)
+        for choice, suffix in ((sampled, ""), (most_likely, "_most_likely")):
+            with counting(f"{name}: test episodes{suffix.replace('_', ' ')}", arena.episodes, console) as done:
+                episodes = bot_episodes(
+                    model, style, arena, choice=choice, window=None, seed=seed, on_step=done
+                )
+            outcomes = knowledge.success(episodes)
+            reached = outcomes.get(name, outcomes.get("all"))
+            if reached is not None:
+                interval = binomtest(int(reached.sum()), len(reached)).proportion_ci(method="wilson")
+                found.setdefault(f"success{suffix}", {})[name] = float(reached.mean())
+                intervals.setdefault(f"success{suffix}", {})[name] = [float(interval.low), float(interval.high)]
+            if choice is most_likely:
+                continue
+            save_demonstrations(episodes, run.rollouts(style.index), overwrite=True)
+            returns = np.add.reduceat(episodes.steps["reward"], episodes.action_starts)
+            measures = {**knowledge.measures(episodes), "episode_length": episodes.lengths, "return": returns}
+            for measure, values in measures.items():
+                found.setdefault(measure, {})[name] = float(np.mean(values))
+                intervals.setdefault(measure, {})[name] = mean_interval(np.asarray(values, dtype=np.float64))
+    return update_metrics(run, {**found, "ci95": intervals, "test_episodes": arena.episodes})
+
+
+def mean_interval(values: FloatArray) -> list[float]:
+    """95 % interval of a mean, by the bootstrap (BCa; of equal values, that value twice)."""
+    if len(values) < 2 or np.ptp(values) == 0:
+        return [float(values.mean())] * 2
+    found = bootstrap((values,), np.mean, method="percentile", rng=np.random.default_rng(0)).confidence_interval
+    return [float(found.low), float(found.high)]

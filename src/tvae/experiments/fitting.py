@@ -4,46 +4,66 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+import torch
 from rich.console import Console
 
 import tvae
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
+from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import watching
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
+from tvae.experiments.source import Source
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.fitting import new_model
-from tvae.train.loop import train
+from tvae.train.loop import Observer, train
 from tvae.train.schedules import Piecewise
 
 
-def begin(run: RunDirectory, demonstrations: Demonstrations, config: RunConfig, about: Mapping[str, Any]) -> None:
-    """Write `config.json`: what the run needs to be repeated. `about` says where the data are and the command."""
-    model = new_model(demonstrations, seed=config.seed, device="cpu", **asdict(config.model))
-    write_json(
-        run.config,
-        {
-            **model.description(),
-            "run": {
-                "config": config.to_json(),
-                "tvae": tvae.__version__,
-                "demonstrations": {"episodes": len(demonstrations), "steps": demonstrations.num_steps},
-                **about,
-            },
-        },
-    )
+@dataclass(frozen=True)
+class About:
+    """What a run is: enough to repeat it."""
+
+    config: RunConfig
+    source: Source
+    arena: Arena | None
+    title: str
+    command: tuple[str, ...]
 
 
-def configuration(run: RunDirectory) -> tuple[RunConfig, dict[str, Any]]:
-    """The configuration of a run, and all else that `begin` wrote about it."""
+def begin(run: RunDirectory, demonstrations: Demonstrations, about: About) -> None:
+    """Write `config.json`: what the run needs to be repeated."""
+    model = new_model(demonstrations, seed=about.config.seed, device="cpu", **asdict(about.config.model))
+    facts = {
+        "tvae": tvae.__version__,
+        "torch": torch.__version__,
+        "demonstrations": {"episodes": len(demonstrations), "steps": demonstrations.num_steps},
+    }
+    write_json(run.config, {**model.description(), "run": {**asdict(about), **facts}})
+
+
+def about_run(run: RunDirectory) -> About:
+    """What `begin` wrote; `RunDirectoryError` for a directory that no run made."""
     about = read_json(run.config).get("run")
-    if not isinstance(about, dict) or "config" not in about:
-        raise RunDirectoryError(f"{run.config} does not describe a run: it was written by `save`, not by `tvae fit`")
-    return RunConfig.from_json(about["config"]), about
+    if not isinstance(about, dict):
+        raise RunDirectoryError(f"{run.config} does not describe a run: a model was saved there, not fitted")
+    try:
+        source, arena = about["source"], about["arena"]
+        columns = {name: tuple(source[name]) for name in ("angular", "continuous", "categorical")}
+        return About(
+            config=RunConfig.from_json(about["config"]),
+            source=Source(source["path"], **columns, segment=source["segment"]),
+            arena=None if arena is None else Arena(**arena),
+            title=about["title"],
+            command=tuple(about["command"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunDirectoryError(f"{run.config} does not describe a run of this version: {error}") from error
 
 
 def split(demonstrations: Demonstrations, config: RunConfig) -> tuple[Demonstrations, Demonstrations]:
@@ -55,25 +75,10 @@ def fit_run(
     run: RunDirectory, demonstrations: Demonstrations, config: RunConfig, *, device: str, console: Console
 ) -> TrajectoryVAE:
     """Train in `run`, from its checkpoint if there is one, and leave weights, history and training metrics."""
-    training, held_out = split(demonstrations, config)
-    model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
     began = time.perf_counter()
-    settings = config.training
-    with watching(settings.num_steps, run.tensorboard, console) as observer:
-        records = train(
-            model,
-            training,
-            held_out,
-            schedule=Piecewise(settings.kl_points),
-            num_steps=settings.num_steps,
-            batch_size=settings.batch_size,
-            learning_rate=settings.learning_rate,
-            clip=settings.clip,
-            evaluate_every=settings.evaluate_every,
-            patience=settings.patience,
-            seed=config.seed,
-            checkpoint=run.checkpoint,
-            observer=observer,
+    with watching(config.training.num_steps, run.tensorboard, console) as observer:
+        model, records = trained(
+            demonstrations, config, checkpoint=run.checkpoint, device=device, observer=observer
         )
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
@@ -88,6 +93,31 @@ def fit_run(
     )
     model.save_weights(run.model)
     return model
+
+
+def trained(
+    demonstrations: Demonstrations, config: RunConfig, *, checkpoint: Path, device: str, observer: Observer
+) -> tuple[TrajectoryVAE, tuple[Record, ...]]:
+    """The model of a configuration, trained on all but its held-out demonstrations, and its evaluations."""
+    training, held_out = split(demonstrations, config)
+    model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
+    settings = config.training
+    records = train(
+        model,
+        training,
+        held_out,
+        schedule=Piecewise(settings.kl_points),
+        num_steps=settings.num_steps,
+        batch_size=settings.batch_size,
+        learning_rate=settings.learning_rate,
+        clip=settings.clip,
+        evaluate_every=settings.evaluate_every,
+        patience=settings.patience,
+        seed=config.seed,
+        checkpoint=checkpoint,
+        observer=observer,
+    )
+    return model, records
 
 
 def history(run: RunDirectory) -> tuple[Record, ...]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tvae.errors import TvaeError
+from tvae.files import appearing
 
-class RunDirectoryError(ValueError):
+
+class RunDirectoryError(TvaeError):
     """A run directory that cannot be used as asked; the message says what to do."""
 
 
@@ -105,10 +107,9 @@ class RunDirectory:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write under a temporary name, then rename."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n")
-    os.replace(partial, path)
+    """Write JSON, whole or not at all."""
+    with appearing(path, overwrite=True) as partial:
+        partial.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: Path) -> Any:

@@ -1,0 +1,1 @@
+"""Pictures: latent space, trajectories, training curves. Every function takes data and returns a figure."""

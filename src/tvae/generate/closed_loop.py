@@ -15,15 +15,15 @@ from tvae.device import seeded
 from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, latent_of, sampled, tensor_of
 from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
 from tvae.model.tvae import TrajectoryVAE
-from tvae.rollout import as_vector, check_spaces
-from tvae.rollout import rollout as run_episodes
+from tvae.rollouts import as_vector, check_spaces
+from tvae.rollouts import rollout as run_episodes
 from tvae.spaces import FloatArray
 
 
 class LatentPolicy:
     """pi(a_t | s_1:t, z) in many episodes at once, z drawn afresh for each from `latents`.
 
-    A `Policy` for `tvae.rollout.rollout`. `window` is the rolling window W; by default the one of the training.
+    A `Policy` for `tvae.rollouts.rollout`. `window` is the rolling window W; by default the one of the training.
     """
 
     def __init__(

@@ -12,15 +12,6 @@ from tvae.nets import BidirectionalLSTM, masked_mean
 _LOG_VARIANCE_RANGE = (-14.0, 4.0)
 
 
-class NoEncoder(nn.Module):
-    """The law of a latent without features, (B, 0): there is nothing to infer."""
-
-    def forward(self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Normal:
-        """The posterior, batch shape (B, 0)."""
-        nothing = sequence.new_zeros(len(sequence), 0)
-        return Normal(nothing, nothing, validate_args=False)
-
-
 class Encoder(nn.Module):
     """The posterior of z given a whole trajectory of any length. Padding changes nothing.
 
@@ -43,3 +34,12 @@ class Encoder(nn.Module):
         mean, log_variance = self.parameters_of_law(self.dropout(pooled)).chunk(2, dim=-1)
         log_variance = log_variance.clamp(*_LOG_VARIANCE_RANGE)
         return Normal(mean, (0.5 * log_variance).exp(), validate_args=False)
+
+
+class NoEncoder(nn.Module):
+    """The posterior of an empty z, for a model without a latent."""
+
+    def forward(self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Normal:
+        """A law over nothing, batch shape (B, 0)."""
+        empty = sequence.new_zeros(len(sequence), 0)
+        return Normal(empty, empty, validate_args=False)

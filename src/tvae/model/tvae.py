@@ -18,6 +18,7 @@ from torch.distributions import Normal
 from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
+from tvae.errors import TvaeError
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
@@ -27,7 +28,7 @@ SCHEMA_VERSION = 1
 _CALIBRATION_ROWS = 1_000_000
 
 
-class ModelError(ValueError):
+class ModelError(TvaeError):
     """A model directory that cannot be loaded; the message says why."""
 
 

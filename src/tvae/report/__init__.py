@@ -1,0 +1,1 @@
+"""What was found, as one web page that needs nothing but itself: `page.render` of a `ReportContent`."""

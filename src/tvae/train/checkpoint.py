@@ -13,10 +13,12 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from tvae.errors import TvaeError
+
 SCHEMA_VERSION = 2
 
 
-class CheckpointError(ValueError):
+class CheckpointError(TvaeError):
     """A checkpoint that cannot be used; the message says why."""
 
 

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
+from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, Windows, cut, elbo, whole
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
@@ -27,7 +28,7 @@ class TrainingWarning(UserWarning):
     """Training ended, but something about it needs the user's eye; the message says what to do."""
 
 
-class TrainingError(RuntimeError):
+class TrainingError(TvaeError):
     """Training cannot go on; the message says why and what to do."""
 
 

@@ -15,11 +15,12 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
+from tvae.errors import TvaeError
 from tvae.gymnasium_spaces import flatten, spaces_of, unflatten
 from tvae.spaces import FloatArray, IntArray, Space
 
 
-class SpaceMismatchError(ValueError):
+class SpaceMismatchError(TvaeError):
     """A policy and an environment whose spaces differ; the message says how."""
 
 

@@ -1,0 +1,39 @@
+# Two commands do all the set-up: `make demo` and `make test`. The environment is .venv in this folder.
+PYTHON ?= python3
+PIP = .venv/bin/pip install --quiet --quiet --disable-pip-version-check -c constraints.txt
+export GOMP_SPINCOUNT = 2000
+export SDL_VIDEODRIVER ?= dummy
+
+.PHONY: demo test lint wheel clean
+
+demo: .venv/installed
+	.venv/bin/tvae demo --out runs/demo --force
+
+test: .venv/installed-test
+	OMP_NUM_THREADS=1 .venv/bin/pytest --numprocesses 2 --cov --cov-branch --cov-report term:skip-covered --cov-fail-under 90
+
+lint: .venv/installed-lint
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+wheel: .venv/installed-test
+	.venv/bin/python -m build --wheel
+
+clean:
+	rm -rf .venv build dist
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/installed: pyproject.toml constraints.txt | .venv/bin/python
+	$(PIP) -e .
+	touch $@
+
+.venv/installed-test: .venv/installed
+	$(PIP) -e '.[test]'
+	touch $@
+
+.venv/installed-lint: .venv/installed-test
+	$(PIP) -e '.[lint]'
+	touch $@

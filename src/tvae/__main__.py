@@ -1,0 +1,5 @@
+"""`python -m tvae` is `tvae`."""
+
+from tvae.cli import main
+
+main()

@@ -1,0 +1,102 @@
+"""`tvae data`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Literal
+
+from rich.markup import escape
+
+from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
+from tvae.cli.tables import signals_table
+from tvae.data.sources import save_demonstrations
+from tvae.data.validation import summarise
+from tvae.data.validation import validate as find_issues
+from tvae.experiments.tasks import TASKS
+
+
+def info(data: str, *, columns: Columns = COLUMNS) -> None:
+    """Show what is in a data set: episodes, lengths, what each column was taken for.
+
+    Example: `tvae data info sessions.parquet`
+
+    Parameters
+    ----------
+    data
+        A Parquet or CSV table, a directory, or a Minari id.
+    """
+    summary = summarise(columns.of(data).load())
+    shortest, _, median, _, longest = summary.length_quantiles
+    CONSOLE.print(
+        f"{summary.num_episodes} episodes, {summary.num_steps} steps; "
+        f"{shortest:.0f} to {longest:.0f} steps an episode, median {median:.0f}; "
+        f"the observation after the last action is known in {summary.num_final_observed}"
+    )
+    CONSOLE.print(signals_table(summary))
+    for attribute in summary.attributes:
+        values = ", ".join(f"{value} ({count})" for value, count in attribute.counts[:8])
+        CONSOLE.print(f"{attribute.name}: {attribute.num_values} values: {values}", highlight=False, markup=False)
+    if summary.steps:
+        CONSOLE.print(f"further columns: {', '.join(summary.steps)}", highlight=False, markup=False)
+
+
+def validate(data: str, *, columns: Columns = COLUMNS) -> None:
+    """List everything that is wrong with a table, with counts and first places. Exit status 1 if anything is.
+
+    Example: `tvae data validate sessions.csv`
+
+    Parameters
+    ----------
+    data
+        A Parquet or CSV table, a directory, or a Minari id.
+    """
+    issues = find_issues(
+        data, angular=columns.angular, continuous=columns.continuous, categorical=columns.categorical
+    )
+    for issue in issues:
+        CONSOLE.print(f"- {escape(str(issue))}", highlight=False)
+    if issues:
+        sys.exit(1)
+    CONSOLE.print(f"{data} is sound", markup=False)
+
+
+def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = False) -> None:
+    """Write a data set in another format; nothing is lost.
+
+    Example: `tvae data convert sessions.csv sessions.parquet --angular action.heading`
+
+    Parameters
+    ----------
+    data
+        A Parquet or CSV table, a directory, or a Minari id.
+    out
+        NAME.parquet, NAME.csv, NAME.csv.gz, NAME.tvae (memory-mapped directory), or minari:ID.
+    """
+    demonstrations = columns.of(data).load()
+    save_demonstrations(demonstrations, out, overwrite=force)
+    CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {out}", markup=False)
+
+
+def make(
+    task: Literal["zombie", "pusht", "overcooked"],
+    out: str,
+    *,
+    data: Path | None = None,
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Write the demonstrations of one of our tasks.
+
+    Example: `tvae data make zombie zombie.parquet`
+
+    Parameters
+    ----------
+    out
+        NAME.parquet, NAME.csv, NAME.csv.gz, NAME.tvae (memory-mapped directory), or minari:ID.
+    data
+        The file of the human demonstrations, of pusht and overcooked; by default the one in data/.
+    """
+    demonstrations = TASKS[task](data, seed).demonstrations()
+    save_demonstrations(demonstrations, out, overwrite=force)
+    CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {out}", markup=False)

@@ -1,0 +1,50 @@
+"""`tvae demo`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Literal
+
+from tvae.cli.options import CONSOLE, Device, Flag, Force, Seed
+from tvae.experiments.run import complete, new_recipe_run
+from tvae.experiments.run_directory import RunDirectory
+from tvae.experiments.tasks import TASKS
+
+
+def demo(
+    task: Literal["zombie", "pusht", "overcooked"] = "zombie",
+    *,
+    out: Path | None = None,
+    data: Path | None = None,
+    seed: Seed = 0,
+    device: Device = "auto",
+    resume: Flag = False,
+    force: Force = False,
+) -> None:
+    """Run a whole example: unlabelled demonstrations become styles, a bot for each, and a page to look at.
+
+    Examples:
+
+        tvae demo
+
+        tvae demo pusht --data data/pusht_human_206.npz --out runs/pusht
+
+    Parameters
+    ----------
+    task
+        zombie: scripted demonstrators, attack or avoid. pusht: 206 human demonstrations of pushing a block.
+        overcooked: human pairs cooking together.
+    out
+        The run directory to make; runs/TASK if not given.
+    data
+        The file of the human demonstrations, of pusht and overcooked; by default the one in data/.
+    resume
+        Go on with the run in --out where it was killed.
+    """
+    directory = out or Path("runs") / task
+    if resume:
+        run = RunDirectory.existing(directory)
+    else:
+        run = new_recipe_run(directory, TASKS[task](data, seed), command=sys.argv, force=force)
+    complete(run, device=device, console=CONSOLE)

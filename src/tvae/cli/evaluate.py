@@ -1,0 +1,41 @@
+"""`tvae evaluate`."""
+
+from __future__ import annotations
+
+from tvae.cli.options import CONSOLE, Device, Run, Seed
+from tvae.cli.tables import metrics_table
+from tvae.experiments.arenas import Arena
+from tvae.experiments.bots import try_bots
+from tvae.experiments.evaluation import compare_without_latent
+from tvae.experiments.using import open_run
+
+
+def evaluate(
+    run: Run,
+    *,
+    env: str | None = None,
+    episodes: int = 1000,
+    samples: int = 64,
+    seed: Seed = 1,
+    device: Device = "auto",
+) -> None:
+    """Measure a run: held-out likelihood with z against the same model trained without, and its bots.
+
+    Example: `tvae evaluate runs/zombie --episodes 1000`
+
+    Parameters
+    ----------
+    env
+        Gymnasium id; by default the environment in which the run tried its bots, if any.
+    episodes
+        Test episodes of each bot.
+    samples
+        Samples of z in the importance-weighted bound.
+    """
+    opened = open_run(run, device)
+    compare_without_latent(opened, num_samples=samples, device=device, console=CONSOLE)
+    arena = opened.about.arena if env is None else Arena(env)
+    if arena is not None:
+        arena = Arena(arena.env, arena.options, episodes)
+        try_bots(opened.directory, opened.model, opened.findings, arena, seed=seed, console=CONSOLE)
+    CONSOLE.print(metrics_table(opened.directory))

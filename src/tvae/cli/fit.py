@@ -1,0 +1,61 @@
+"""`tvae fit`."""
+
+from __future__ import annotations
+
+import sys
+
+from tvae.cli.options import COLUMNS, CONSOLE, MODEL, TRAINING, Columns, Device, Flag, Force, Out, Seed
+from tvae.config import ModelConfig, RunConfig, TrainingConfig
+from tvae.errors import TvaeError
+from tvae.experiments.arenas import Arena
+from tvae.experiments.run import complete, new_run
+from tvae.experiments.run_directory import RunDirectory
+
+
+def fit(
+    data: str | None = None,
+    *,
+    out: Out,
+    env: str | None = None,
+    episodes: int = 1000,
+    columns: Columns = COLUMNS,
+    group: str | None = None,
+    seed: Seed = 0,
+    device: Device = "auto",
+    resume: Flag = False,
+    force: Force = False,
+    model: ModelConfig = MODEL,
+    training: TrainingConfig = TRAINING,
+) -> None:
+    """Train on demonstrations, find and describe their styles, write a report.
+
+    Examples:
+
+        tvae fit sessions.parquet --out runs/sessions
+
+        tvae fit sessions.csv --out runs/s --angular action.heading --env tvae/ZombieAttack-v0
+
+        tvae fit --out runs/sessions --resume
+
+    Parameters
+    ----------
+    data
+        A Parquet or CSV table, a directory, or a Minari id; not needed with --resume.
+    env
+        Gymnasium id of an environment in which the bot of each style is tried.
+    episodes
+        Test episodes of each bot.
+    group
+        Attribute whose groups, such as pairs of players, stay whole when demonstrations are held out.
+    resume
+        Go on with the run in --out where it was killed, as it was configured.
+    """
+    if resume:
+        run = RunDirectory.existing(out)
+    elif data is None:
+        raise TvaeError("tvae fit needs a data set, or --resume to go on with the run in --out")
+    else:
+        config = RunConfig(model=model, training=training, seed=seed, group=group)
+        arena = None if env is None else Arena(env, episodes=episodes)
+        run = new_run(out, columns.of(data), config, arena, command=sys.argv, force=force)
+    complete(run, device=device, console=CONSOLE)

@@ -1,0 +1,43 @@
+"""`tvae generate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, choice_of
+from tvae.data.sources import save_demonstrations
+from tvae.experiments.using import imagine_style, open_run
+
+
+def generate(
+    run: Run,
+    *,
+    out: Path,
+    style: str = "0",
+    episodes: int = 100,
+    window: int | None = None,
+    most_likely: Flag = False,
+    seed: Seed = 0,
+    device: Device = "auto",
+    force: Force = False,
+) -> None:
+    """Imagine episodes of a style: states by the state decoder, actions by the policy decoder, no environment.
+
+    Example: `tvae generate runs/zombie --style attack --episodes 50 --out imagined.csv`
+
+    Parameters
+    ----------
+    out
+        Where to write them: a .parquet or .csv file, a .tvae directory, or minari:ID.
+    style
+        Number of the style, or its label where the data had labels.
+    window
+        Rolling window: the most past states that the decoders remember; by default as in training.
+    most_likely
+        Always take the most likely state and action instead of drawing them.
+    """
+    opened = open_run(run, device)
+    choice = choice_of(most_likely=most_likely)
+    found = imagine_style(opened, style, episodes, choice=choice, window=window, seed=seed)
+    save_demonstrations(found, out, overwrite=force)
+    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")

@@ -1,0 +1,18 @@
+"""`tvae report`."""
+
+from __future__ import annotations
+
+from tvae.cli.options import CONSOLE, Run
+from tvae.experiments.fitting import about_run
+from tvae.experiments.reporting import write_report
+from tvae.experiments.run_directory import RunDirectory
+
+
+def report(run: Run) -> None:
+    """Write the page of a run anew, from what its directory holds.
+
+    Example: `tvae report runs/sessions`
+    """
+    directory = RunDirectory.existing(run)
+    write_report(directory, about_run(directory).source.load())
+    CONSOLE.print(f"report: {directory.report}")

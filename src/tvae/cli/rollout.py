@@ -1,0 +1,53 @@
+"""`tvae rollout`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, choice_of
+from tvae.data.sources import save_demonstrations
+from tvae.experiments.arenas import Arena
+from tvae.experiments.using import act, open_run
+
+
+def rollout(
+    run: Run,
+    *,
+    out: Path,
+    style: str = "0",
+    env: str | None = None,
+    episodes: int | None = None,
+    window: int | None = None,
+    most_likely: Flag = False,
+    seed: Seed = 0,
+    device: Device = "auto",
+    force: Force = False,
+) -> None:
+    """Let the bot of a style act in an environment, and write its episodes as demonstrations.
+
+    Example: `tvae rollout runs/zombie --style attack --episodes 1000 --out attack.parquet`
+
+    Parameters
+    ----------
+    out
+        Where to write them: a .parquet or .csv file, a .tvae directory, or minari:ID.
+    style
+        Number of the style, or its label where the data had labels.
+    env
+        Gymnasium id; by default the environment in which the run tried its bots.
+    episodes
+        How many; by default as many as the run's bots played.
+    window
+        Rolling window: the most past states that the bot remembers; by default as in training.
+    most_likely
+        Always take the most likely action instead of drawing one.
+    """
+    opened = open_run(run, device)
+    arena = opened.arena if env is None else Arena(env)
+    if episodes is not None:
+        arena = replace(arena, episodes=episodes)
+    choice = choice_of(most_likely=most_likely)
+    found = act(opened, style, arena, choice=choice, window=window, seed=seed, console=CONSOLE)
+    save_demonstrations(found, out, overwrite=force)
+    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")

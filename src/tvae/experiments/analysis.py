@@ -1,0 +1,111 @@
+"""After training: styles, labels, words, and the table with one row per episode."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from rich.console import Console
+from sklearn.metrics import adjusted_rand_score
+
+from tvae.config import RunConfig
+from tvae.data.demonstrations import Demonstrations
+from tvae.evaluate.encoding import Posteriors, encode
+from tvae.evaluate.likelihood import importance_weighted_bound
+from tvae.evaluate.playstyles import find_playstyles
+from tvae.evaluate.styles import Playstyles
+from tvae.evaluate.words import describe
+from tvae.experiments.findings import Findings
+from tvae.experiments.fitting import update_metrics
+from tvae.experiments.run_directory import RunDirectory, write_json
+from tvae.files import appearing
+from tvae.model.tvae import TrajectoryVAE
+from tvae.spaces import FloatArray, IntArray
+
+SAMPLES_FOR_TABLE = 4
+
+
+def analyse(
+    run: RunDirectory, model: TrajectoryVAE, demonstrations: Demonstrations, config: RunConfig, *, console: Console
+) -> Findings:
+    """Find and describe the styles of all demonstrations; writes `playstyles.json`, `styles.parquet`, metrics.
+
+    Training never sees the attribute `label`; where it is there, it names the styles and judges them.
+    """
+    posteriors = encode(model, demonstrations)
+    playstyles = find_playstyles(posteriors, seed=config.seed)
+    labels = match(playstyles, demonstrations)
+    words = describe(demonstrations, playstyles.assignment)
+    findings = Findings(playstyles, labels, words)
+    bound = importance_weighted_bound(model, demonstrations, num_samples=SAMPLES_FOR_TABLE, seed=config.seed)
+    table = styles_table(
+        demonstrations,
+        posteriors,
+        playstyles.assignment,
+        playstyles.probability,
+        likelihood=bound.total / demonstrations.lengths,
+    )
+    write_table(table, run.styles, overwrite=True)
+    write_json(run.playstyles, findings.to_json())
+    update_metrics(run, {"playstyles": _metrics(findings, demonstrations)})
+    console.print(playstyles.verdict, highlight=False)
+    for style in playstyles.styles:
+        console.print(f"{findings.name(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
+    return findings
+
+
+def match(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[int, str]:
+    """The label that most episodes of each style carry; where two styles share one, they get no label."""
+    if "label" not in demonstrations.attributes:
+        return {}
+    labels = demonstrations.attributes["label"].astype(str)
+    most = {
+        style.index: Counter(labels[playstyles.assignment == style.index].tolist()).most_common(1)[0][0]
+        for style in playstyles.styles
+    }
+    counts = Counter(most.values())
+    return {index: label for index, label in most.items() if counts[label] == 1}
+
+
+def _metrics(findings: Findings, demonstrations: Demonstrations) -> dict[str, object]:
+    playstyles = findings.playstyles
+    metrics: dict[str, object] = {
+        "num_found": len(playstyles),
+        "verdict": playstyles.verdict,
+        "shares": {findings.name(style): style.weight for style in playstyles.styles},
+    }
+    if "label" in demonstrations.attributes:
+        labels = demonstrations.attributes["label"]
+        metrics["ari"] = float(adjusted_rand_score(labels, playstyles.assignment))
+    return metrics
+
+
+def styles_table(
+    demonstrations: Demonstrations,
+    posteriors: Posteriors,
+    assignment: IntArray,
+    probability: FloatArray,
+    *,
+    likelihood: FloatArray,
+) -> pa.Table:
+    """One row per episode: `episode`, `style`, `probability`, `z_0` ..., `log_likelihood_per_step` in nats."""
+    episodes = demonstrations.attributes.get("episode", np.arange(len(demonstrations)))
+    latents = {f"z_{index}": values for index, values in enumerate(posteriors.means.T)}
+    return pa.table(
+        {
+            "episode": episodes,
+            "style": assignment,
+            "probability": probability,
+            **latents,
+            "log_likelihood_per_step": likelihood,
+        }
+    )
+
+
+def write_table(table: pa.Table, path: Path, *, overwrite: bool) -> None:
+    """Write Parquet, whole or not at all; `FileExistsError` unless `overwrite`."""
+    with appearing(path, overwrite=overwrite) as partial:
+        pq.write_table(table, partial)

@@ -1,0 +1,92 @@
+"""The page of a run, from what its directory holds."""
+
+from __future__ import annotations
+
+import shlex
+from datetime import UTC, datetime
+from functools import partial
+from importlib.metadata import version
+from platform import python_version
+
+import numpy as np
+import pyarrow.parquet as pq
+import torch
+
+import tvae
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.sources import load_demonstrations
+from tvae.evaluate.styles import Style
+from tvae.experiments.arenas import knowledge_of
+from tvae.experiments.findings import Findings
+from tvae.experiments.fitting import About, about_run, history
+from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.figures.palette import style_colour
+from tvae.figures.trajectories import draw_trajectory
+from tvae.report.content import ReportContent, StyleSection
+from tvae.report.page import write
+
+
+def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
+    """Write `report.html` from the files of the run and the demonstrations that it was fitted to."""
+    about = about_run(run)
+    findings = Findings.from_json(read_json(run.playstyles))
+    playstyles = findings.playstyles
+    table = pq.read_table(run.styles)
+    means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
+    metrics = read_json(run.metrics)
+    content = ReportContent(
+        title=about.title,
+        verdict=playstyles.verdict,
+        demonstrations=demonstrations,
+        episode_ids=tuple(str(episode) for episode in table["episode"].to_pylist()),
+        latent_means=np.stack(means, axis=1) if means else np.zeros((len(demonstrations), 0)),
+        assignment=table["style"].to_numpy(),
+        probability=table["probability"].to_numpy(),
+        styles=tuple(
+            _section(run, about, demonstrations, findings, style) for style in playstyles.styles
+        ),
+        command=shlex.join(["tvae", *about.command[1:]]),
+        version=tvae.__version__,
+        created=datetime.now(UTC).strftime("%-d %B %Y, %H:%M UTC"),
+        warnings=tuple(metrics.get("warnings", ())),
+        metrics={name: value for name, value in metrics.items() if name != "warnings"}
+        | {"ari": metrics["playstyles"].get("ari")},
+        records=history(run),
+        config=about.config.to_json(),
+        versions={"Python": python_version(), "torch": torch.__version__, "gymnasium": version("gymnasium")},
+    )
+    write(content, run.report)
+
+
+def _section(
+    run: RunDirectory,
+    about: About,
+    demonstrations: Demonstrations,
+    findings: Findings,
+    style: Style,
+) -> StyleSection:
+    label = findings.labels.get(style.index)
+    episodes, succeeded = None, None
+    knowledge = None if about.arena is None else knowledge_of(about.arena.env)
+    if knowledge is not None and run.rollouts(style.index).exists():
+        episodes = load_demonstrations(run.rollouts(style.index))
+        outcomes = knowledge.success(episodes)
+        succeeded = outcomes.get(label or style.name, outcomes.get("all"))
+    colour = style_colour(style.index)
+    if knowledge is not None and knowledge.draw is not None:
+        draw = partial(knowledge.draw, colour=colour)
+    else:
+        spaces = (demonstrations.observation_space, demonstrations.action_space)
+        draw = partial(
+            draw_trajectory, observation_space=spaces[0], action_space=spaces[1], colour=colour
+        )
+    return StyleSection(
+        name=style.name,
+        weight=style.weight,
+        draw=draw,
+        label=label,
+        sentences=findings.words[style.index],
+        prototypes=style.prototypes,
+        test_episodes=episodes,
+        succeeded=succeeded,
+    )

@@ -1,0 +1,97 @@
+"""The tasks of `tvae demo`, each a function of the data file and the seed that gives a complete recipe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from tvae.config import ModelConfig, RunConfig, TrainingConfig
+from tvae.data.segments import segment
+from tvae.envs.zombie import zombie_demonstrations
+from tvae.errors import TvaeError
+from tvae.experiments.arenas import Arena
+from tvae.experiments.recipe import Recipe
+
+PUSHT_DATA = Path("data/pusht_human_206.npz")
+OVERCOOKED_DATA = Path("data/overcooked_human_2019.json.gz")
+
+
+def zombie(data: Path | None, seed: int) -> Recipe:
+    """2,000 episodes of scripted demonstrators that attack or avoid a zombie."""
+    if data is not None:
+        raise TvaeError(f"the zombie task makes its own demonstrations and reads no file, got {data}")
+    return Recipe(
+        title="Zombie attack",
+        demonstrations=lambda: zombie_demonstrations(2000, seed),
+        config=RunConfig(seed=seed),
+        arena=Arena("tvae/ZombieAttack-v0", episodes=1000),
+    )
+
+
+def pusht(data: Path | None, seed: int) -> Recipe:
+    """206 human demonstrations of pushing a T-shaped block to its place (Chi et al. 2023)."""
+    path = _there(data or PUSHT_DATA)
+    module = _simulated("tvae.envs.pusht", "pusht")
+    return Recipe(
+        title="PushT, 206 human demonstrations",
+        demonstrations=lambda: module.pusht_demonstrations(path),
+        config=RunConfig(
+            model=ModelConfig(
+                latent_features=4, hidden_features=128, dropout=0.1, window=16, stop=False, action_components=5
+            ),
+            training=TrainingConfig(
+                num_steps=1_000, batch_size=16, learning_rate=3e-3, kl_points=((0.0, 1.0),), held_out=0.15
+            ),
+            seed=seed,
+        ),
+        arena=Arena("tvae/PushT-v0", episodes=200),
+    )
+
+
+def overcooked(data: Path | None, seed: int) -> Recipe:
+    """16 human games on the coordination ring, cut into segments of at most 200 steps, pairs held out whole."""
+    path = _there(data or OVERCOOKED_DATA)
+    module = _simulated("tvae.envs.overcooked", "overcooked")
+    return Recipe(
+        title="Overcooked, coordination ring, human pairs",
+        demonstrations=lambda: segment(
+            module.overcooked_demonstrations(path, ["coordination_ring"]), 200, minimum=100
+        ),
+        config=RunConfig(
+            model=ModelConfig(latent_features=8, hidden_features=64, dropout=0.2, window=4, stop=False),
+            training=TrainingConfig(
+                num_steps=600,
+                batch_size=16,
+                learning_rate=3e-3,
+                kl_points=((0.0, 1.0),),
+                evaluate_every=50,
+                held_out=0.2,
+            ),
+            seed=seed,
+            group="pair",
+        ),
+        arena=Arena("tvae/Overcooked-v0", {"layout": "coordination_ring", "horizon": 1200}, episodes=100),
+    )
+
+
+TASKS: dict[str, Callable[[Path | None, int], Recipe]] = {
+    "zombie": zombie,
+    "pusht": pusht,
+    "overcooked": overcooked,
+}
+
+
+def _there(path: Path) -> Path:
+    if not path.is_file():
+        raise TvaeError(f"{path} is not there; the file comes with the repository, name its place with --data")
+    return path
+
+
+def _simulated(module: str, extra: str) -> Any:
+    """A module that needs a simulator, which is an optional extra."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise TvaeError(f"this task needs an extra: pip install 'tvae[{extra}]' ({error})") from error

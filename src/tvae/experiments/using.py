@@ -1,0 +1,107 @@
+"""What can be done with a finished run: imagine, act, label other sessions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from tvae.data.demonstrations import Demonstrations
+from tvae.device import resolve_device
+from tvae.errors import TvaeError
+from tvae.evaluate.encoding import encode
+from tvae.evaluate.likelihood import importance_weighted_bound
+from tvae.experiments.analysis import SAMPLES_FOR_TABLE, styles_table, write_table
+from tvae.experiments.arenas import Arena
+from tvae.experiments.bots import bot_episodes
+from tvae.experiments.findings import Findings
+from tvae.experiments.fitting import About, about_run
+from tvae.experiments.progress import counting
+from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.generate.decoding import Choice
+from tvae.generate.open_loop import imagine
+from tvae.model.tvae import TrajectoryVAE
+from tvae.spaces import IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedRun:
+    """A run with its model and what it found."""
+
+    directory: RunDirectory
+    about: About
+    model: TrajectoryVAE
+    findings: Findings
+
+    @property
+    def arena(self) -> Arena:
+        """Where its bots were tried; `TvaeError` if nowhere."""
+        if self.about.arena is None:
+            raise TvaeError("the run knows no environment; name one with --env")
+        return self.about.arena
+
+
+def open_run(path: Path, device: str) -> FinishedRun:
+    """The run in a directory; `TvaeError` if it is none or did not end."""
+    directory = RunDirectory.existing(path)
+    return FinishedRun(
+        directory,
+        about_run(directory),
+        TrajectoryVAE.load(path).to(resolve_device(device)),
+        Findings.from_json(read_json(directory.playstyles)),
+    )
+
+
+def act(
+    run: FinishedRun,
+    style: str,
+    arena: Arena,
+    *,
+    choice: Choice,
+    window: int | None,
+    seed: int,
+    console: Console,
+) -> Demonstrations:
+    """Episodes of a style's bot in `arena`."""
+    latents = run.findings.style(style)
+    with counting("episodes", arena.episodes, console) as done:
+        return bot_episodes(run.model, latents, arena, choice=choice, window=window, seed=seed, on_step=done)
+
+
+def imagine_style(
+    run: FinishedRun, style: str, num_episodes: int, *, choice: Choice, window: int | None, seed: int
+) -> Demonstrations:
+    """Episodes of a style that the decoders imagine, from first observations of its demonstrations."""
+    demonstrations = run.about.source.load()
+    chosen = run.findings.style(style)
+    rng = np.random.default_rng(seed)
+    members = np.flatnonzero(run.findings.playstyles.assignment == chosen.index)
+    starts = demonstrations.observation_starts[rng.choice(members, num_episodes)]
+    return imagine(
+        run.model,
+        demonstrations.observations[starts],
+        chosen.sample(num_episodes, rng),
+        num_steps=int(demonstrations.lengths.max()),
+        choice=choice,
+        window=window,
+        seed=seed,
+    )
+
+
+def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool) -> IntArray:
+    """The style (N,) of other sessions, read as the run's own were; with `out`, also as a Parquet table."""
+    model = run.model
+    sessions = replace(run.about.source, path=source).load(
+        observation_space=model.observation_space, action_space=model.action_space
+    )
+    posteriors = encode(model, sessions)
+    assignment, probability = run.findings.playstyles.assign(posteriors)
+    if out is not None:
+        bound = importance_weighted_bound(model, sessions, num_samples=SAMPLES_FOR_TABLE)
+        table = styles_table(
+            sessions, posteriors, assignment, probability, likelihood=bound.total / sessions.lengths
+        )
+        write_table(table, out, overwrite=overwrite)
+    return assignment

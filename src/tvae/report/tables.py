@@ -1,0 +1,119 @@
+"""Numbers as a reader wants them: nested metrics as rows, shares with their intervals, few digits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+_NORMAL_975 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number, and what is known of its uncertainty."""
+
+    mean: float
+    interval: tuple[float, float] | None = None
+    """The 95 % confidence interval."""
+    basis: str = ""
+    """What was counted, such as `5 seeds`."""
+
+
+def measured(value: Any) -> Measured | None:
+    """A metric's value as a number; None where it is none.
+
+    >>> measured({"mean": 0.97, "ci95": [0.95, 0.99], "seeds": 5})
+    Measured(mean=0.97, interval=(0.95, 0.99), basis='5 seeds')
+    >>> measured("fast") is None
+    True
+    """
+    match value:
+        case bool():
+            return None
+        case int() | float():
+            return Measured(float(value))
+        case {"mean": int() | float() as mean, "ci95": [low, high], "seeds": seeds}:
+            return Measured(float(mean), (float(low), float(high)), f"{seeds} seeds")
+    return None
+
+
+def share(successes: int, trials: int) -> Measured:
+    """A share of trials with Wilson's interval.
+
+    >>> share(97, 100).interval[0] < 0.92 < 0.97 == share(97, 100).mean
+    True
+    """
+    if trials < 1:
+        raise ValueError(f"a share needs at least one trial, got {trials}")
+    mean, z = successes / trials, _NORMAL_975
+    centre = mean + z * z / (2 * trials)
+    half = z * sqrt(mean * (1 - mean) / trials + z * z / (4 * trials * trials))
+    scale = 1 + z * z / trials
+    return Measured(mean, ((centre - half) / scale, (centre + half) / scale), f"{trials:,} episodes")
+
+
+def number(value: Any) -> str:
+    """Four digits at most, thousands apart.
+
+    >>> [number(value) for value in (0.97312, 12345, 12345.6, 2e-7, True, None, "x")]
+    ['0.9731', '12,345', '12,346', '2e-07', 'yes', '–', 'x']
+    """
+    match value:
+        case None:
+            return "–"
+        case bool():
+            return "yes" if value else "no"
+        case int():
+            return f"{value:,}"
+        case float():
+            return f"{value:,.0f}" if 1000 <= abs(value) < 1e9 else f"{value:.4g}"
+        case [*parts]:
+            return ", ".join(number(part) for part in parts)
+    return str(value)
+
+
+def percent(value: float) -> str:
+    """A share in percent, with one decimal unless it is a whole number.
+
+    >>> percent(0.9733), percent(1.0)
+    ('97.3 %', '100 %')
+    """
+    return f"{100 * value:.1f}".removesuffix(".0") + " %"
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One line of the table of metrics."""
+
+    path: tuple[str, ...]
+    value: str
+    interval: str
+    basis: str
+
+
+def metric_rows(metrics: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[MetricRow]:
+    """Nested metrics line by line, in their order.
+
+    >>> rows = metric_rows({"ari": 1.0, "success": {"all": {"mean": 0.97, "ci95": [0.95, 0.99], "seeds": 5}}})
+    >>> [(" / ".join(row.path), row.value, row.interval) for row in rows]
+    [('ari', '1', ''), ('success / all', '0.97', '0.95 to 0.99')]
+    """
+    for name, value in metrics.items():
+        found = measured(value)
+        if found is not None and found.interval is not None:
+            low, high = found.interval
+            yield MetricRow(
+                (*path, name), number(found.mean), f"{number(low)} to {number(high)}", found.basis
+            )
+        elif isinstance(value, Mapping):
+            yield from metric_rows(value, (*path, name))
+        elif (
+            isinstance(value, Sequence)
+            and not isinstance(value, str)
+            and any(isinstance(part, Mapping) for part in value)
+        ):
+            yield from metric_rows({str(index): part for index, part in enumerate(value)}, (*path, name))
+        else:
+            yield MetricRow((*path, name), number(value), "", "")

@@ -1,0 +1,250 @@
+"""From what a report says to what its page shows: key numbers, cards of styles, the latent space."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from tvae.figures.curves import training_curves
+from tvae.figures.markup import to_markup
+from tvae.report.content import ReportContent, StyleSection
+from tvae.report.pictures import Sketches, glyph, in_proportion, latent_map, sketch, spread
+from tvae.report.tables import Measured, MetricRow, measured, metric_rows, number, percent, share
+from tvae.spaces import IntArray, describe
+
+_MOST_EPISODES = 300
+"""How many episodes open in the latent space."""
+_MOST_BYTES = 1_200_000
+"""How much their pictures may weigh together."""
+_TEST_EPISODES = 24
+"""How many of a style's test episodes are shown."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A key number."""
+
+    value: str
+    name: str
+    detail: str = ""
+    style: int | None = None
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A picture of an episode with its caption."""
+
+    picture: Markup
+    caption: str
+    failed: bool = False
+
+
+@dataclass(frozen=True)
+class Card:
+    """A playstyle in words and pictures."""
+
+    title: str
+    name: str
+    glyph: Markup
+    share: str
+    sentences: tuple[str, ...]
+    prototypes: tuple[Cell, ...]
+    tests: tuple[Cell, ...]
+    outcome: str
+    """How the test episodes went; empty if nobody judged them."""
+    key: Markup
+    """Explains the pictures."""
+
+
+@dataclass(frozen=True)
+class Explorer:
+    """The latent space, and the episodes that open in it."""
+
+    picture: Markup
+    data: Mapping[str, object]
+    caption: str
+
+
+@dataclass(frozen=True)
+class View:
+    """All that the page shows beyond the words of its content."""
+
+    tiles: tuple[Tile, ...]
+    cards: tuple[Card, ...]
+    explorer: Explorer | None
+    curves: Markup | None
+    signals: tuple[tuple[str, str, str], ...]
+    """Role, name and kind."""
+    metrics: tuple[MetricRow, ...]
+    config: str
+
+
+def view(content: ReportContent) -> View:
+    """Draw and count everything that the page shows."""
+    always = [position for style in content.styles for position in style.prototypes]
+    latent = content.latent_means.shape[1] > 0
+    chosen = spread(content.assignment, always, _MOST_EPISODES if latent else 0)
+    sketches = _sketch_demonstrations(content, chosen)
+    pictures = dict(zip(chosen.tolist(), sketches.pictures, strict=True))
+    demonstrations = content.demonstrations
+    return View(
+        tiles=_tiles(content),
+        cards=_cards(content, pictures),
+        explorer=_explorer(content, pictures, always) if latent else None,
+        curves=Markup(to_markup(training_curves(content.records), "Training curves"))
+        if content.records
+        else None,
+        signals=tuple(
+            (role, signal.name, describe(signal))
+            for role, space in (
+                ("observation", demonstrations.observation_space),
+                ("action", demonstrations.action_space),
+            )
+            for signal in space.signals
+        ),
+        metrics=tuple(metric_rows(content.metrics)),
+        config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str)
+        if content.config
+        else "",
+    )
+
+
+def _title(style: StyleSection) -> str:
+    return style.label or style.name
+
+
+def _success(content: ReportContent, style: StyleSection) -> Measured | None:
+    given = content.metrics.get("success")
+    if isinstance(given, Mapping):
+        found = measured(given.get(style.label)) or measured(given.get(style.name))
+        if found is not None:
+            return found
+    if style.succeeded is None or len(style.succeeded) == 0:
+        return None
+    return share(int(style.succeeded.sum()), len(style.succeeded))
+
+
+def _interval(found: Measured) -> str:
+    if found.interval is None:
+        return found.basis
+    low, high = found.interval
+    return f"95 % interval {percent(low)} to {percent(high)}, {found.basis}"
+
+
+def _tiles(content: ReportContent) -> tuple[Tile, ...]:
+    count = len(content.styles)
+    tiles = [Tile(str(count), "playstyle found" if count == 1 else "playstyles found")]
+    ari = measured(content.metrics.get("ari"))
+    if ari is not None:
+        detail = "adjusted Rand index; 1 is full agreement, 0 is chance"
+        tiles.append(Tile(f"{ari.mean:.2f}", "agreement with the labels", detail))
+    for index, style in enumerate(content.styles):
+        found = _success(content, style)
+        if found is not None:
+            tiles.append(Tile(percent(found.mean), f"success of {_title(style)}", _interval(found), index))
+    demonstrations = content.demonstrations
+    steps = f"{demonstrations.num_steps:,} steps"
+    return (*tiles, Tile(f"{len(demonstrations):,}", "demonstrations", steps))
+
+
+def _sketch_demonstrations(content: ReportContent, chosen: IntArray) -> Sketches:
+    styles = [content.styles[content.assignment[position]] for position in chosen]
+    return sketch(
+        [
+            (content.demonstrations[int(position)], style.draw, f"Episode {content.episode_ids[position]}")
+            for position, style in zip(chosen, styles, strict=True)
+        ]
+    )
+
+
+def _cards(content: ReportContent, pictures: Mapping[int, str]) -> tuple[Card, ...]:
+    tests = [_tests(style) for style in content.styles]
+    sketches = sketch(
+        [
+            (style.test_episodes[position], style.draw, f"{_title(style)}, test episode {position}")
+            for style, positions in zip(content.styles, tests, strict=True)
+            for position in positions
+            if style.test_episodes is not None
+        ]
+    )
+    played = iter(sketches.pictures)
+    return tuple(
+        Card(
+            title=_title(style),
+            name=style.name,
+            glyph=Markup(glyph(index, _title(style))),
+            share=percent(style.weight),
+            sentences=style.sentences,
+            prototypes=tuple(
+                Cell(Markup(pictures[position]), content.episode_ids[position])
+                for position in style.prototypes
+            ),
+            tests=tuple(_test_cell(style, position, next(played)) for position in positions),
+            outcome=_outcome(style, len(positions)),
+            key=Markup(_key(content, style)),
+        )
+        for index, (style, positions) in enumerate(zip(content.styles, tests, strict=True))
+    )
+
+
+def _key(content: ReportContent, style: StyleSection) -> str:
+    shown = [content.demonstrations[position] for position in style.prototypes]
+    shown += [] if style.test_episodes is None else [style.test_episodes[p] for p in _tests(style)]
+    return sketch([(trajectory, style.draw, "") for trajectory in shown]).key
+
+
+def _tests(style: StyleSection) -> list[int]:
+    """Positions of the test episodes that are shown."""
+    if style.test_episodes is None:
+        return []
+    unjudged = np.ones(len(style.test_episodes), dtype=np.bool_)
+    outcomes = unjudged if style.succeeded is None else style.succeeded
+    return [int(position) for position in in_proportion(outcomes, _TEST_EPISODES)]
+
+
+def _test_cell(style: StyleSection, position: int, picture: str) -> Cell:
+    if style.succeeded is None:
+        return Cell(Markup(picture), f"episode {position}")
+    failed = not style.succeeded[position]
+    return Cell(Markup(picture), "failed" if failed else "succeeded", failed)
+
+
+def _outcome(style: StyleSection, num_shown: int) -> str:
+    if style.succeeded is None or not num_shown:
+        return ""
+    total, successes = len(style.succeeded), int(style.succeeded.sum())
+    words = f"{successes:,} of {total:,} episodes succeeded ({_interval(share(successes, total))})."
+    if num_shown < total:
+        words += f" Shown are {num_shown}, failures in their true proportion, at least one if there is any."
+    return words
+
+
+def _explorer(content: ReportContent, pictures: Mapping[int, str], always: Sequence[int]) -> Explorer:
+    weight = sum(len(picture) for picture in pictures.values())
+    limit = int(len(pictures) * min(1.0, _MOST_BYTES / weight))
+    positions = sorted(pictures)
+    shown = spread(content.assignment[positions], [positions.index(p) for p in always], limit)
+    chosen = np.array(positions)[shown]
+    names = [_title(style) for style in content.styles]
+    latent = latent_map(content.latent_means[chosen], content.assignment[chosen], names)
+    facts = {name: values for name, values in content.demonstrations.attributes.items() if name != "episode"}
+    episodes = [
+        {
+            "id": content.episode_ids[position],
+            "place": [round(float(value), 1) for value in place],
+            "style": int(content.assignment[position]),
+            "probability": f"{content.probability[position]:.3f}",
+            "facts": [[name, number(values[position].item())] for name, values in list(facts.items())[:6]],
+            "picture": pictures[int(position)],
+        }
+        for position, place in zip(chosen, latent.places, strict=True)
+    ]
+    total = len(content.demonstrations)
+    caption = (
+        f"{len(chosen):,} of {total:,} episodes, evenly from every style." if len(chosen) < total else ""
+    )
+    return Explorer(Markup(latent.picture), {"styles": names, "episodes": episodes}, caption)
