@@ -7,16 +7,18 @@ them, p(x) = sum_k w_k prod_c p_kc(x_c), whose columns depend on each other thro
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.distributions import Bernoulli, Categorical, Distribution, Normal
 from torch.distributions import VonMises as TorchVonMises
 
-from tvae.spaces import IntArray
+_MOST_PROPOSALS = 64
 
 
 class RowDistribution(Protocol):
@@ -36,23 +38,57 @@ class RowDistribution(Protocol):
 
 
 class VonMises(TorchVonMises):
-    """torch's von Mises law with a density that stays exact, and its gradient finite, at any concentration.
+    """torch's von Mises law, exact at any concentration k and in single precision.
 
-    log p(x) = -2 k sin^2((x - m) / 2) - log(2 pi I0(k) e^-k); torch's own polynomials overflow from k = 10^4 on.
+    log p(x) = -2 k s(x) - log(2 pi I0(k) e^-k), where s(x) = sin^2((x - m) / 2).
     """
 
     def log_prob(self, value: Tensor) -> Tensor:
         """Log-density in nats per radian."""
-        away = 2 * torch.sin((value - self.loc) / 2).square()
-        return -self.concentration * away - torch.log(2 * torch.pi * torch.special.i0e(self.concentration))
+        k = self.concentration
+        return -2 * k * torch.sin((value - self.loc) / 2).square() - math.log(2 * math.pi) - _log_i0e(k)
+
+    @torch.no_grad()
+    def sample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+        """Draws in [-pi, pi], by rejection from a wrapped Cauchy law.
+
+        With u uniform in +-1/2, m + 2 atan(tan(pi u) / sqrt(1 + 4 k)) has a density in proportion to 1 / (1 + 4 k s).
+        The ratio exp(-2 k s) (1 + 4 k s) is greatest where 4 k s = min(1, 4 k). Of proposals, 0.66 or more are taken.
+        """
+        k = self.concentration.expand(*sample_shape, *self.batch_shape)
+        greatest = (4 * k).clamp(max=1)
+        away, found = torch.zeros_like(k), torch.zeros_like(k, dtype=torch.bool)
+        for _ in range(_MOST_PROPOSALS):
+            u, v = torch.rand_like(k) - 0.5, torch.rand_like(k)
+            proposal = 2 * torch.atan(torch.tan(math.pi * u) / torch.sqrt(1 + 4 * k))
+            ks = k * torch.sin(proposal / 2).square()
+            away = torch.where(found, away, proposal)
+            found |= v.log() <= torch.log1p(4 * ks) - 2 * ks - torch.log1p(greatest) + greatest / 2
+            if found.all():
+                break
+        angle = self.loc + away
+        return angle - 2 * math.pi * torch.round(angle / (2 * math.pi))
+
+
+def _log_i0e(k: Tensor) -> Tensor:
+    """log(I0(k) e^-k), by its asymptotic series for large k, where the derivative of `i0e` cancels."""
+    large = k.clamp_min(100)
+    series = torch.log1p((1 + (9 / 16 + 75 / 128 / large) / large) / (8 * large)) - 0.5 * torch.log(2 * math.pi * large)
+    return torch.where(k < 100, torch.special.i0e(k).log(), series)
 
 
 @dataclass(frozen=True)
 class Columns:
     """The law of some columns, one and the same family: batch shape (..., number of columns)."""
 
-    columns: IntArray
+    columns: Int[Tensor, " N"]
     law: Distribution
+
+
+def drawn(law: Distribution) -> Tensor:
+    """A draw from a column's law."""
+    draw: Tensor = law.sample()
+    return draw.to(law.logits.dtype) if isinstance(law, Categorical) else draw
 
 
 def most_likely(law: Distribution) -> Tensor:
@@ -61,7 +97,7 @@ def most_likely(law: Distribution) -> Tensor:
         case Normal() | VonMises():
             return law.loc
         case Categorical():
-            return law.logits.argmax(-1)
+            return law.logits.argmax(-1).to(law.logits.dtype)
         case Bernoulli():
             return (law.logits > 0).to(law.logits.dtype)
         case _:
@@ -72,9 +108,8 @@ def most_likely(law: Distribution) -> Tensor:
 class Joint:
     """Independent columns: log p(x) = sum_c log p_c(x_c).
 
-    >>> import numpy as np
-    >>> joint = Joint(2, (Columns(np.array([1]), Normal(torch.zeros(1), torch.ones(1))),
-    ...                   Columns(np.array([0]), Bernoulli(logits=torch.zeros(1)))))
+    >>> joint = Joint(2, (Columns(torch.tensor([1]), Normal(torch.zeros(1), torch.ones(1))),
+    ...                   Columns(torch.tensor([0]), Bernoulli(logits=torch.zeros(1)))))
     >>> round(joint.log_prob(torch.tensor([1.0, 0.0])).item(), 4)  # ln(1/2) - ln(2 pi)/2
     -1.6121
     """
@@ -86,26 +121,25 @@ class Joint:
         """Log-density of every column on its own, in nats."""
         result = torch.zeros_like(values)
         for part in self.parts:
-            result[..., part.columns] = part.law.log_prob(values[..., part.columns])
+            result[..., part.columns] = part.law.log_prob(values.index_select(-1, part.columns))
         return result
 
     def log_prob(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch"]:
         """Log-density of each row, in nats."""
         total = torch.zeros_like(values[..., 0])
         for part in self.parts:
-            total = total + part.law.log_prob(values[..., part.columns]).sum(-1)
+            total = total + part.law.log_prob(values.index_select(-1, part.columns)).sum(-1)
         return total
 
     def _assemble(self, values: list[Tensor]) -> Tensor:
-        lead = values[0].shape[:-1]
-        rows = torch.empty(*lead, self.num_columns, device=values[0].device)
+        rows = values[0].new_empty(*values[0].shape[:-1], self.num_columns)
         for part, columns in zip(self.parts, values, strict=True):
-            rows[..., part.columns] = columns.to(rows.dtype)
+            rows[..., part.columns] = columns
         return rows
 
     def sample(self) -> Float[Tensor, "*batch C"]:
         """One row each."""
-        return self._assemble([part.law.sample() for part in self.parts])
+        return self._assemble([drawn(part.law) for part in self.parts])
 
     def mode(self) -> Float[Tensor, "*batch C"]:
         """The most likely row each."""

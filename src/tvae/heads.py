@@ -17,11 +17,14 @@ other term of the objective.
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Bernoulli, Categorical, Normal
-from torch.nn.functional import softplus
+from torch.nn.functional import pad, softplus
 
 from tvae.distributions import Columns, Joint, Mixture, RowDistribution, VonMises
 from tvae.spaces import Space
@@ -37,24 +40,34 @@ class Head(nn.Module):
     """
 
     unit: Tensor
-    exists: Tensor
+    _continuous: Tensor
+    _angular: Tensor
+    _binary: Tensor
+    _categorical: Tensor
+    _slots: Tensor
 
     def __init__(self, space: Space, in_features: int, *, floor: float, num_components: int = 1) -> None:
         super().__init__()
+        if floor <= 0:
+            raise ValueError(f"floor must be positive, got {floor}")
+        if num_components < 1:
+            raise ValueError(f"num_components must be at least 1, got {num_components}")
         self.space = space
         self.floor = floor
         self.num_components = num_components
         num_continuous, num_angular = len(space.continuous), len(space.angular)
         self._sizes = [num_continuous, num_continuous, num_angular, num_angular, num_angular, len(space.binary)]
         self._sizes.append(sum(space.num_categories))
-        self.weights = nn.Linear(in_features, num_components)
+        if num_components > 1:
+            self.weights = nn.Linear(in_features, num_components)
         self.parameters_of_law = nn.Linear(in_features, num_components * sum(self._sizes))
         self.register_buffer("unit", torch.ones(space.num_columns))
-        self.register_buffer("exists", torch.from_numpy(space.category_mask), persistent=False)
+        slots = np.where(space.category_mask, np.cumsum(space.category_mask).reshape(space.category_mask.shape), 0) - 1
+        self.register_buffer("_slots", torch.from_numpy(slots), persistent=False)
+        for kind in ("continuous", "angular", "binary", "categorical"):
+            self.register_buffer(f"_{kind}", torch.from_numpy(getattr(space, kind)), persistent=False)
 
-    def forward(
-        self, features: Float[Tensor, "*batch H"], origin: Float[Tensor, "*batch C"]
-    ) -> RowDistribution:
+    def forward(self, features: Float[Tensor, "*batch H"], origin: Float[Tensor, "*batch C"]) -> RowDistribution:
         """The law of the row relative to `origin`, in the form that `tvae.data.normalizer` calls values."""
         outputs = self.parameters_of_law(features)
         if self.num_components == 1:
@@ -64,26 +77,20 @@ class Head(nn.Module):
         return Mixture(weights, self._joint(outputs, origin.unsqueeze(-2)))
 
     def _joint(self, outputs: Tensor, origin: Tensor) -> Joint:
-        space = self.space
         mean, spread, x, y, width, log_odds, weights = outputs.split(self._sizes, dim=-1)
         parts: list[Columns] = []
-        if len(space.continuous):
-            unit = self.unit[space.continuous]
-            normal = Normal(
-                origin[..., space.continuous] + unit * mean,
-                unit * (self.floor + softplus(spread)),
-                validate_args=False,
-            )
-            parts.append(Columns(space.continuous, normal))
-        if len(space.angular):
-            unit = self.unit[space.angular]
-            angle = origin[..., space.angular] + torch.atan2(y, 1 + x)
-            concentration = (unit * (self.floor + softplus(width))) ** -2
-            parts.append(Columns(space.angular, VonMises(angle, concentration, validate_args=False)))
-        if len(space.binary):
-            parts.append(Columns(space.binary, Bernoulli(logits=log_odds, validate_args=False)))
-        if len(space.categorical):
-            logits = weights.new_full((*weights.shape[:-1], *self.exists.shape), -torch.inf)
-            logits[..., self.exists] = weights
-            parts.append(Columns(space.categorical, Categorical(logits=logits, validate_args=False)))
-        return Joint(space.num_columns, tuple(parts))
+        if len(self._continuous):
+            unit = self.unit[self._continuous]
+            start = origin.index_select(-1, self._continuous)
+            scale = unit * (self.floor + softplus(spread))
+            parts.append(Columns(self._continuous, Normal(start + unit * mean, scale, validate_args=False)))
+        if len(self._angular):
+            angle = origin.index_select(-1, self._angular) + torch.atan2(y, 1 + x)
+            scale = self.unit[self._angular] * (self.floor + softplus(width))
+            parts.append(Columns(self._angular, VonMises(angle, scale**-2, validate_args=False)))
+        if len(self._binary):
+            parts.append(Columns(self._binary, Bernoulli(logits=log_odds, validate_args=False)))
+        if len(self._categorical):
+            logits = pad(weights, (0, 1), value=-math.inf)[..., self._slots]
+            parts.append(Columns(self._categorical, Categorical(logits=logits, validate_args=False)))
+        return Joint(self.space.num_columns, tuple(parts))

@@ -51,9 +51,16 @@ def check_spaces(envs: VectorEnv[Any, Any, Any], observation_space: Space, actio
             )
 
 
+class _Borrowed(SyncVectorEnv):
+    """Environments of somebody else, which stay open."""
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Nothing to do."""
+
+
 def as_vector(env: gymnasium.Env[Any, Any]) -> VectorEnv[Any, Any, Any]:
-    """One environment as a vector environment of one copy."""
-    return SyncVectorEnv([lambda: env])
+    """One environment as a vector environment of one copy; closing this leaves `env` open."""
+    return _Borrowed([lambda: env])
 
 
 def rollout(
@@ -79,8 +86,8 @@ def rollout(
     if num_episodes < 1:
         raise ValueError(f"num_episodes must be at least 1, got {num_episodes}")
     mode = envs.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
-    if mode == AutoresetMode.SAME_STEP:
-        raise ValueError("a vector environment in SAME_STEP autoreset mode hides final observations; use NEXT_STEP")
+    if mode != AutoresetMode.NEXT_STEP:
+        raise ValueError(f"a vector environment needs the autoreset mode NEXT_STEP, got {mode}")
     observation_space, action_space = spaces_of(envs)
 
     def episodes() -> Iterator[Trajectory]:
@@ -93,7 +100,7 @@ def rollout(
         while finished < num_episodes:
             wanted = min(envs.num_envs, num_episodes - finished)
             world_seed, policy_seed = (int(s.generate_state(1)[0] >> 1) for s in seeds.spawn(2))
-            yield from _round(envs, policy, wanted, world_seed, policy_seed, report)
+            yield from _round(envs, policy, wanted, world_seed=world_seed, policy_seed=policy_seed, on_step=report)
             finished += wanted
 
     return Demonstrations.from_trajectories(episodes(), observation_space, action_space)
@@ -103,6 +110,7 @@ def _round(
     envs: VectorEnv[Any, Any, Any],
     policy: Policy,
     wanted: int,
+    *,
     world_seed: int,
     policy_seed: int,
     on_step: Callable[[int], None],

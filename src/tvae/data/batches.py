@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,7 @@ class TrajectoryBatch:
         return len(self.lengths)
 
 
-def batch_of(
-    demonstrations: Demonstrations, episodes: IntArray, device: torch.device | None = None
-) -> TrajectoryBatch:
+def batch_of(demonstrations: Demonstrations, episodes: IntArray, device: torch.device | None = None) -> TrajectoryBatch:
     """The episodes at these positions as one padded batch of float32."""
     lengths = demonstrations.lengths[episodes]
     step = np.arange(int(lengths.max()))
@@ -73,7 +71,7 @@ def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntAr
         yield order[start : start + size]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BucketedSampler:
     """Random groups of episodes of similar lengths; which ones depends only on the seed and the step.
 
@@ -90,6 +88,8 @@ class BucketedSampler:
     lengths: IntArray
     size: int
     seed: int
+    _latest: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
+    """The groups of the epoch that was last asked for."""
 
     @property
     def steps_per_epoch(self) -> int:
@@ -99,7 +99,10 @@ class BucketedSampler:
     def episodes(self, step: int) -> IntArray:
         """Positions of the episodes of global step `step`."""
         epoch, group = divmod(step, self.steps_per_epoch)
-        return self._epoch(epoch)[group]
+        if epoch not in self._latest:
+            self._latest.clear()
+            self._latest[epoch] = self._epoch(epoch)
+        return self._latest[epoch][group]
 
     def _epoch(self, epoch: int) -> list[IntArray]:
         rng = np.random.default_rng((self.seed, epoch))

@@ -19,7 +19,10 @@ from torch import Tensor, nn
 
 from tvae.spaces import FloatArray, Space
 
-_MOST_ROWS = 1_000_000
+_CONSTANT = 1e-9
+"""A spread below this share of the largest value is none."""
+_RESOLUTION = 1e-6
+"""A spread below this share of the largest value is lost in single precision."""
 
 
 class Normalizer(nn.Module):
@@ -35,30 +38,36 @@ class Normalizer(nn.Module):
 
     mean: Tensor
     std: Tensor
-    exists: Tensor
+    _continuous: Tensor
+    _angular: Tensor
+    _binary: Tensor
+    _categorical: Tensor
+    _categories: Tensor
 
     def __init__(self, space: Space) -> None:
         super().__init__()
         self.space = space
         self.register_buffer("mean", torch.zeros(space.num_columns))
         self.register_buffer("std", torch.ones(space.num_columns))
-        self.register_buffer("exists", torch.from_numpy(space.category_mask), persistent=False)
+        for kind in ("continuous", "angular", "binary", "categorical"):
+            self.register_buffer(f"_{kind}", torch.from_numpy(getattr(space, kind)), persistent=False)
+        categories = np.flatnonzero(space.category_mask)
+        self.register_buffer("_categories", torch.from_numpy(categories), persistent=False)
 
     @classmethod
     def fit(cls, space: Space, rows: FloatArray) -> Self:
         """Mean and standard deviation of the continuous columns of `rows` (N, C); a constant column keeps std 1.
 
-        Of more than a million rows, a million evenly spaced ones are used.
+        Where single precision could not tell values apart, std is as large as what it can.
         """
         self = cls(space)
-        if len(rows) > _MOST_ROWS:
-            rows = rows[np.linspace(0, len(rows) - 1, _MOST_ROWS).astype(np.int64)]
         continuous = np.asarray(rows[:, space.continuous], dtype=np.float64)
         std = continuous.std(axis=0)
-        constant = std <= 1e-9 * (1 + np.abs(continuous).max(axis=0, initial=0.0))
+        largest = np.abs(continuous).max(axis=0, initial=0.0)
+        std = np.where(std <= _CONSTANT * largest, 1.0, np.maximum(std, _RESOLUTION * largest))
         columns = torch.from_numpy(space.continuous)
         self.mean[columns] = torch.from_numpy(continuous.mean(axis=0)).float()
-        self.std[columns] = torch.from_numpy(np.where(constant, 1.0, std)).float()
+        self.std[columns] = torch.from_numpy(std).float()
         return self
 
     @property
@@ -76,14 +85,14 @@ class Normalizer(nn.Module):
 
     def features(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """What a network sees of standardised rows: numbers, then cos, sin, then +-1, then one-hot categories."""
-        angles = values[..., self.space.angular]
-        codes = values[..., self.space.categorical].long()
-        one_hot = nn.functional.one_hot(codes, self.exists.shape[1])[..., self.exists]
+        angles = values.index_select(-1, self._angular)
+        codes = values.index_select(-1, self._categorical).long()
+        one_hot = nn.functional.one_hot(codes, self.space.category_mask.shape[1]).flatten(-2)
         parts = (
-            values[..., self.space.continuous],
+            values.index_select(-1, self._continuous),
             angles.cos(),
             angles.sin(),
-            2 * values[..., self.space.binary] - 1,
-            one_hot.to(values.dtype),
+            2 * values.index_select(-1, self._binary) - 1,
+            one_hot.index_select(-1, self._categories).to(values.dtype),
         )
         return torch.cat(parts, dim=-1)

@@ -25,7 +25,8 @@ class Trajectory:
 
     Raises `DataError` if it is empty or its arrays do not fit together.
 
-    >>>     >>> walk = Trajectory(observations=np.zeros((4, 2)), actions=np.ones((3, 1)))
+    >>> import numpy as np
+    >>> walk = Trajectory(observations=np.zeros((4, 2)), actions=np.ones((3, 1)))
     >>> len(walk), walk.has_final_observation
     (3, True)
     """

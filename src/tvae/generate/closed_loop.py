@@ -10,7 +10,9 @@ import torch
 from gymnasium.vector import VectorEnv
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, sampled, tensor_of
+from tvae.data.trajectory import DataError
+from tvae.device import seeded
+from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, latent_of, sampled, tensor_of
 from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import as_vector, check_spaces
@@ -43,16 +45,18 @@ class LatentPolicy:
         self.z = self.latents.sample(num_episodes, rng)
         self._seeds = rng
         decoder = self.model.policy_decoder
-        self._recurrence = Recurrence(decoder.trunk, tensor_of(self.model, self.z), self.window)
+        self._recurrence = Recurrence(decoder.trunk, latent_of(self.model, self.z, num_episodes), self.window)
 
     @torch.inference_mode()
     def act(self, observations: FloatArray) -> FloatArray:
-        """Actions (N, A) for the present observations (N, O)."""
+        """Actions (N, A) for the present observations (N, O); `DataError` for one that the space does not allow."""
         model = self.model
+        problem = model.observation_space.first_problem(observations)
+        if problem is not None:
+            raise DataError(f"episode {problem.row}, column observation.{problem.column}: {problem.message}")
         values = model.observation_normalizer.values(tensor_of(model, observations))
         features = self._recurrence.step(model.observation_normalizer.features(values))
-        with torch.random.fork_rng():
-            torch.manual_seed(int(self._seeds.integers(2**62)))
+        with seeded(int(self._seeds.integers(2**62)), model.device):
             actions = self.choice(model.policy_decoder.law(features))
         return model.action_normalizer.raw(actions).double().cpu().numpy()
 
@@ -66,6 +70,7 @@ class Agent:
     Raises `SpaceMismatchError` if the environment has other signals than the model.
 
     >>> import gymnasium, tvae
+    >>> from tvae.gymnasium_spaces import spaces_of
     >>> env = gymnasium.make("tvae/ZombieAttack-v0")
     >>> model = TrajectoryVAE(*spaces_of(as_vector(env)))
     >>> agent = Agent(model, np.zeros(2), env)
@@ -114,6 +119,7 @@ def rollout(
     A vector environment runs as many episodes at once as it has copies.
 
     >>> import gymnasium, tvae
+    >>> from tvae.gymnasium_spaces import spaces_of
     >>> envs = gymnasium.make_vec("tvae/ZombieAttack-v0", num_envs=10)
     >>> model = TrajectoryVAE(*spaces_of(envs))
     >>> len(rollout(envs, Agent(model, np.zeros(2)), episodes=20))

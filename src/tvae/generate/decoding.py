@@ -43,7 +43,7 @@ class LatentSource(Protocol):
 
 
 class Fixed:
-    """The same z in every episode, or row i of several in episode i.
+    """The same z in every episode, or row i of several in copy i of the environment.
 
     >>> Fixed(np.array([0.5, -1.0])).sample(3, np.random.default_rng(0)).shape
     (3, 2)
@@ -57,7 +57,7 @@ class Fixed:
         if len(self.z) == 1:
             return np.repeat(self.z, count, axis=0)
         if len(self.z) < count:
-            raise ValueError(f"{count} episodes need as many z, got {len(self.z)}")
+            raise ValueError(f"{count} copies of the environment need one z or as many, got {len(self.z)}")
         return self.z[:count]
 
 
@@ -84,4 +84,11 @@ class Recurrence:
 
 def tensor_of(model: TrajectoryVAE, rows: FloatArray) -> Tensor:
     """Rows as the model's kind of tensor, where its weights are."""
-    return torch.as_tensor(rows, dtype=torch.float32, device=model.device)
+    return model.observation_normalizer.mean.new_tensor(rows)
+
+
+def latent_of(model: TrajectoryVAE, z: FloatArray, count: int) -> Float[Tensor, "N Z"]:
+    """`tensor_of` for the z of `count` episodes; `ValueError` if they are of another shape."""
+    if z.shape != (count, model.latent_features):
+        raise ValueError(f"{count} episodes need z of the shape {(count, model.latent_features)}, got {z.shape}")
+    return tensor_of(model, z)

@@ -10,8 +10,9 @@ from torch.distributions import Bernoulli
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
+from tvae.device import seeded
 from tvae.distributions import Columns, Joint
-from tvae.generate.decoding import Choice, Recurrence, sampled, tensor_of
+from tvae.generate.decoding import Choice, Recurrence, latent_of, sampled, tensor_of
 from tvae.gymnasium_spaces import wrap
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray
@@ -41,21 +42,22 @@ def imagine(
     if num_steps < 1:
         raise ValueError(f"num_steps must be at least 1, got {num_steps}")
     normalizer, states, policy = model.observation_normalizer, model.state_decoder, model.policy_decoder
-    latent = tensor_of(model, z)
+    latent = latent_of(model, z, len(starts))
     window = model.window if window is None else window
     state_memory, policy_memory = (Recurrence(d.trunk, latent, window) for d in (states, policy))
     values = normalizer.values(tensor_of(model, starts))
     observations, actions = [np.asarray(starts, dtype=np.float64)], []
     lengths = np.full(len(starts), num_steps, dtype=np.int64)
     angular = model.observation_space.angular
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
+    with seeded(seed, model.device):
         for step in range(1, num_steps + 1):
             features = normalizer.features(values)
             actions.append(_rows(model.action_normalizer.raw(choice(policy.law(policy_memory.step(features))))))
             remembered = state_memory.step(features)
             values = choice(states.head(remembered, values))
             values[:, angular] = torch.remainder(values[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
+            if not values.isfinite().all():
+                raise ValueError(f"imagined states grow beyond all numbers at step {step}; imagine fewer steps")
             observations.append(_rows(normalizer.raw(values)))
             if model.stop:
                 ends = _rows(choice(_stop_law(states.stop(remembered))))[:, 0] > 0
@@ -77,4 +79,5 @@ def _rows(values: torch.Tensor) -> FloatArray:
 
 
 def _stop_law(log_odds: torch.Tensor) -> Joint:
-    return Joint(1, (Columns(np.zeros(1, dtype=np.int64), Bernoulli(logits=log_odds, validate_args=False)),))
+    column = torch.zeros(1, dtype=torch.int64, device=log_odds.device)
+    return Joint(1, (Columns(column, Bernoulli(logits=log_odds, validate_args=False)),))

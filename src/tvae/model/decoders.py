@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import torch
@@ -40,6 +41,13 @@ class RecurrentTrunk(nn.Module):
         return self.dropout(mixed), memory
 
 
+class Endless(nn.Module):
+    """p(end_t | s_{1:t}, z) = 0: log-odds of minus infinity, for a model that does not know about ends."""
+
+    def forward(self, features: Float[Tensor, "*batch H"]) -> Float[Tensor, "*batch 1"]:
+        return features.new_full((*features.shape[:-1], 1), -math.inf)
+
+
 class StateDecoder(nn.Module):
     """p(s_{t+1} | s_{1:t}, z), by the change of state, and optionally p(end_t | s_{1:t}, z)."""
 
@@ -50,13 +58,14 @@ class StateDecoder(nn.Module):
         hidden_features: int,
         *,
         floor: float,
+        stop: bool,
         dropout: float = 0.0,
         num_components: int = 1,
     ) -> None:
         super().__init__()
         self.trunk = RecurrentTrunk(space.num_features, latent_features, hidden_features, dropout)
         self.head = Head(space, hidden_features, floor=floor, num_components=num_components)
-        self.stop = nn.Linear(hidden_features, 1)
+        self.stop = nn.Linear(hidden_features, 1) if stop else Endless()
 
     def forward(
         self,

@@ -20,9 +20,7 @@ class Encoder(nn.Module):
     torch.Size([5, 2])
     """
 
-    def __init__(
-        self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0
-    ) -> None:
+    def __init__(self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.recurrent = BidirectionalLSTM(in_features, hidden_features)
         self.dropout = nn.Dropout(dropout)

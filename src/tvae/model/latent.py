@@ -30,7 +30,7 @@ class Prior(nn.Module, ABC):
         """log p(z) in nats."""
 
     @abstractmethod
-    def sample(self, count: int) -> Float[Tensor, "count Z"]:
+    def sample(self, count: int) -> Float[Tensor, "{count} Z"]:
         """`count` draws."""
 
     @abstractmethod
@@ -46,11 +46,17 @@ class StandardNormal(Prior):
     [0.0]
     """
 
+    _origin: Tensor
+
+    def __init__(self, latent_features: int) -> None:
+        super().__init__(latent_features)
+        self.register_buffer("_origin", torch.zeros(latent_features), persistent=False)
+
     def log_prob(self, z: Float[Tensor, "*batch Z"]) -> Float[Tensor, "*batch"]:
         return -0.5 * (z.square() + math.log(2 * math.pi)).sum(-1)
 
-    def sample(self, count: int) -> Float[Tensor, "count Z"]:
-        return torch.randn(count, self.latent_features)
+    def sample(self, count: int) -> Float[Tensor, "{count} Z"]:
+        return torch.randn_like(self._origin.expand(count, -1))
 
     def kl(self, posterior: Normal, z: Float[Tensor, "B Z"]) -> Float[Tensor, " B"]:
         unit = Normal(torch.zeros_like(posterior.mean), torch.ones_like(posterior.mean), validate_args=False)
@@ -80,7 +86,7 @@ class GaussianMixture(Prior):
         result: Tensor = self._law().log_prob(z)
         return result
 
-    def sample(self, count: int) -> Float[Tensor, "count Z"]:
+    def sample(self, count: int) -> Float[Tensor, "{count} Z"]:
         result: Tensor = self._law().sample((count,))
         return result
 

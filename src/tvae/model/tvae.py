@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from safetensors import SafetensorError
@@ -14,17 +15,17 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-from tvae.data.batches import TrajectoryBatch, batch_of
+from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.errors import TvaeError
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
-from tvae.spaces import Space
+from tvae.spaces import IntArray, Space
 
 SCHEMA_VERSION = 1
-_CALIBRATION_EPISODES = 2_000
+_CALIBRATION_ROWS = 1_000_000
 
 
 class ModelError(TvaeError):
@@ -79,6 +80,10 @@ class TrajectoryVAE(nn.Module):
         action_floor: float = 0.02,
     ) -> None:
         super().__init__()
+        if window is not None and window < 1:
+            raise ValueError(f"window must be at least 1 step, got {window}")
+        if latent_features == 0 and prior_components > 1:
+            raise ValueError(f"a mixture of {prior_components} priors needs latent features, got 0")
         self.observation_space = observation_space
         self.action_space = action_space
         self.latent_features = latent_features
@@ -107,7 +112,7 @@ class TrajectoryVAE(nn.Module):
             else GaussianMixture(latent_features, prior_components)
         )
         self.state_decoder = StateDecoder(
-            observation_space, latent_features, hidden_features, floor=state_floor, dropout=dropout
+            observation_space, latent_features, hidden_features, floor=state_floor, stop=stop, dropout=dropout
         )
         self.policy_decoder = PolicyDecoder(
             states,
@@ -125,26 +130,25 @@ class TrajectoryVAE(nn.Module):
         return self.observation_normalizer.mean.device
 
     def calibrate(self, demonstrations: Demonstrations) -> None:
-        """Fit what is measured rather than learned, on training data only: normalisers and typical changes."""
-        device = self.device
-        for normalizer, rows in (
-            (self.observation_normalizer, demonstrations.observations),
-            (self.action_normalizer, demonstrations.actions),
-        ):
-            fitted = Normalizer.fit(normalizer.space, rows).to(device)
-            normalizer.load_state_dict(fitted.state_dict())
-        self.state_decoder.head.unit.copy_(self._typical_change(demonstrations))
+        """Fit what is measured rather than learned, on training data only: normalisers and typical changes.
 
-    def _typical_change(self, demonstrations: Demonstrations) -> Float[Tensor, " O"]:
-        """Root mean square change of each column in one step; 1 for a column that never changes."""
-        count = min(len(demonstrations), _CALIBRATION_EPISODES)
-        episodes = torch.linspace(0, len(demonstrations) - 1, count).long().unique().numpy()
-        batch = batch_of(demonstrations, episodes, self.device)
-        before = self.observation_normalizer.values(batch.observations)[batch.next_known]
-        change = self.observation_normalizer.values(batch.next_observations)[batch.next_known] - before
+        Of more than a million steps, a million evenly spaced ones are used.
+        """
+        demos, first = demonstrations, demonstrations.observation_starts
+        observations = demos.observations[_spread(first, demos.lengths + demos.final_observed)]
+        actions = demos.actions[_spread(demos.action_starts, demos.lengths)]
+        for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
+            normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
+        before = _spread(first, demos.lengths - 1 + demos.final_observed)
+        change = torch.from_numpy(demos.observations[before + 1] - demos.observations[before])
+        self.state_decoder.head.unit.copy_(self._typical(change))
+
+    def _typical(self, change: Float[Tensor, "N O"]) -> Float[Tensor, " O"]:
+        """Root mean square change of each column's values in one step; 1 for a column that never changes."""
         angular = self.observation_space.angular
         change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
-        typical = change.square().mean(0).sqrt()
+        std = self.observation_normalizer.std
+        typical = change.square().mean(0).sqrt().to(std) / std
         return torch.where(typical > 1e-6, typical, torch.ones_like(typical))
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
@@ -163,11 +167,12 @@ class TrajectoryVAE(nn.Module):
             "arguments": self.arguments,
         }
 
-    def save(self, directory: Path) -> None:
+    def save(self, directory: str | Path) -> None:
         """Write `model.safetensors` and `config.json` into `directory`; each appears only when whole."""
+        directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
         partial = directory / "config.json.partial"
-        partial.write_text(json.dumps(self.description(), indent=2))
+        partial.write_text(json.dumps(self.description(), indent=2), encoding="utf-8")
         self.save_weights(directory / "model.safetensors")
         os.replace(partial, directory / "config.json")
 
@@ -178,15 +183,16 @@ class TrajectoryVAE(nn.Module):
         os.replace(partial, path)
 
     @classmethod
-    def load(cls, directory: Path) -> Self:
+    def load(cls, directory: str | Path) -> Self:
         """The model that `save` or a run wrote. Nothing in the directory is executed.
 
         Raises `ModelError` for a directory that is no model, is truncated, or has another schema version.
         """
+        directory = Path(directory)
         if not (directory / "config.json").is_file():
             raise ModelError(f"{directory} is not a model directory: it has no config.json")
         try:
-            description = json.loads((directory / "config.json").read_text())
+            description = json.loads((directory / "config.json").read_text(encoding="utf-8"))
         except ValueError as error:
             raise ModelError(f"{directory / 'config.json'} is not whole JSON: {error}") from error
         _check_version(description, directory / "config.json")
@@ -196,7 +202,7 @@ class TrajectoryVAE(nn.Module):
                 Space.from_json(description["action_space"]),
                 **description["arguments"],
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
             raise ModelError(f"{directory / 'config.json'} does not describe a model: {error}") from error
         try:
             model.load_state_dict(load_file(directory / "model.safetensors"))
@@ -206,6 +212,16 @@ class TrajectoryVAE(nn.Module):
             raise ModelError(f"{directory / 'model.safetensors'} holds another model's weights: {error}") from error
         model.eval()
         return model
+
+
+def _spread(starts: IntArray, counts: IntArray) -> IntArray:
+    """Rows, evenly spaced if there are too many, of episodes that hold `counts` rows from `starts` on."""
+    ends = np.cumsum(counts)
+    total = int(ends[-1])
+    ordinal = np.linspace(0, total - 1, min(total, _CALIBRATION_ROWS)).astype(np.int64)
+    episode = np.searchsorted(ends, ordinal, side="right")
+    rows: IntArray = ordinal - (ends - counts - starts)[episode]
+    return rows
 
 
 def _check_version(description: Any, path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from torch import Tensor, nn
 
 from tvae.errors import TvaeError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 class CheckpointError(TvaeError):
@@ -53,34 +54,52 @@ class Progress:
     beta: float
     last_kl: float
     best_step: int
-    best_score: float
     stale: int
     """Evaluations since the best one."""
     finished: bool
     records: tuple[Record, ...]
 
+    @property
+    def best(self) -> Record:
+        """The evaluation whose weights are kept."""
+        return next(record for record in self.records if record.step == self.best_step)
+
 
 def write_checkpoint(
-    path: Path, progress: Progress, model: nn.Module, optimizer: torch.optim.Optimizer, best: dict[str, Tensor]
+    path: Path,
+    *,
+    settings: Mapping[str, object],
+    progress: Progress,
+    model: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    best: dict[str, Tensor],
 ) -> None:
-    """Write to a temporary name beside `path`, then rename, so that a kill leaves the old file or the new one."""
+    """Write to a temporary name beside `path`, then rename, so that a kill leaves the old file or the new one.
+
+    `settings` are those of the training, kept as text; a resumed one must share them.
+    """
     tensors = {f"model.{name}": tensor for name, tensor in model.state_dict().items()}
     tensors |= {f"best.{name}": tensor for name, tensor in best.items()}
     for index, state in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": tensor for name, tensor in state.items()}
     whole = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
-    metadata = {"format": "tvae-checkpoint", "version": str(SCHEMA_VERSION), "progress": json.dumps(asdict(progress))}
+    metadata = {
+        "format": "tvae-checkpoint",
+        "version": str(SCHEMA_VERSION),
+        "settings": json.dumps({name: str(value) for name, value in settings.items()}),
+        "progress": json.dumps(asdict(progress)),
+    }
     partial = path.with_name(path.name + ".partial")
     save_file(whole, partial, metadata)
     os.replace(partial, path)
 
 
 def read_checkpoint(
-    path: Path, model: nn.Module, optimizer: torch.optim.Optimizer
+    path: Path, settings: Mapping[str, object], model: nn.Module, optimizer: torch.optim.Optimizer
 ) -> tuple[Progress, dict[str, Tensor]]:
     """Restore `model` and `optimizer` in place; returns the progress and the best weights so far.
 
-    Raises `CheckpointError` for a file that is no checkpoint of this version or of another model.
+    Raises `CheckpointError` for a file that is no checkpoint of this version, or of another model or training.
     """
     try:
         with safe_open(path, framework="pt") as file:
@@ -92,6 +111,15 @@ def read_checkpoint(
         raise CheckpointError(
             f"{path} needs format tvae-checkpoint, version {SCHEMA_VERSION}, "
             f"got {metadata.get('format')!r}, version {metadata.get('version')!r}"
+        )
+    theirs = json.loads(metadata["settings"])
+    differences = [
+        f"{name} {theirs.get(name)} (now {mine})" for name, mine in settings.items() if theirs.get(name) != str(mine)
+    ]
+    if differences:
+        raise CheckpointError(
+            f"{path} belongs to another training, with {', '.join(differences)}: "
+            "continue with its settings, or choose another file"
         )
     parts: dict[str, dict[str, Tensor]] = {"model": {}, "best": {}, "optimizer": {}}
     for name, tensor in tensors.items():
@@ -115,7 +143,5 @@ def _progress(data: dict[str, object]) -> Progress:
     assert isinstance(records, list)
     return Progress(
         **data,  # type: ignore[arg-type]
-        records=tuple(
-            Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in records
-        ),
+        records=tuple(Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in records),
     )

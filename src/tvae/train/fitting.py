@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.device import resolve_device
+from tvae.device import resolve_device, seeded
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
 from tvae.train.schedules import RAISED_LATE, KLSchedule
@@ -79,7 +79,6 @@ def new_model(demonstrations: Demonstrations, *, seed: int, device: str, **argum
 
     `arguments` are those of `TrajectoryVAE`.
     """
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
+    with seeded(seed, torch.device("cpu")):
         model = TrajectoryVAE(demonstrations.observation_space, demonstrations.action_space, **arguments)
     return model.to(resolve_device(device))

@@ -14,6 +14,8 @@ from torch import Tensor, nn
 
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
+from tvae.device import reseed, seeded
+from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, Windows, cut, elbo, whole
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
@@ -24,6 +26,10 @@ COLLAPSED_NATS = 0.05
 
 class TrainingWarning(UserWarning):
     """Training ended, but something about it needs the user's eye; the message says what to do."""
+
+
+class TrainingError(TvaeError):
+    """Training cannot go on; the message says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -58,23 +64,40 @@ def train(
     `clip` on its own, so that a sharp term cannot drown another.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled, the weights
-    with the best one are kept, and training ends early when `patience` evaluations have not improved on it.
+    with the best one are kept (two are compared with the present weight of the KL term), and training ends early
+    when `patience` evaluations have not improved on it.
 
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
 
-    Warns with `TrainingWarning` where the latent has collapsed or nothing was learnt.
+    Warns with `TrainingWarning` where the latent has collapsed or nothing was learnt. Raises `TrainingError` where
+    a gradient is not finite, and `CheckpointError` for a checkpoint of something else.
     """
+    for name, number in (("num_steps", num_steps), ("batch_size", batch_size), ("evaluate_every", evaluate_every)):
+        if number < 1:
+            raise ValueError(f"{name} must be at least 1, got {number}")
     model.calibrate(demonstrations)
     optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate, fused=True)
     steps = _Steps(model, optimizer, demonstrations, schedule, num_steps, batch_size, learning_rate, clip, seed)
-    with torch.random.fork_rng():
+    settings = {
+        "schedule": schedule,
+        "num_steps": num_steps,
+        "batch_size": batch_size,
+        "learning_rate": learning_rate,
+        "clip": clip,
+        "evaluate_every": evaluate_every,
+        "patience": patience,
+        "seed": seed,
+        "demonstrations": _size(demonstrations),
+        "held-out demonstrations": _size(held_out),
+    }
+    with seeded(seed, model.device):
         if checkpoint is not None and checkpoint.exists():
-            progress, best = read_checkpoint(checkpoint, model, optimizer)
+            progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
         else:
             first = evaluate(model, held_out, batch_size=batch_size, seed=seed)
             beta = schedule.weight(0.0, first.kl, 1.0)
-            progress = Progress(0, beta, first.kl, 0, -math.inf, 0, False, (Record(0, beta, first, first),))
+            progress = Progress(0, beta, first.kl, 0, 0, False, (Record(0, beta, first, first),))
             best = _copy_of_weights(model)
         for record in progress.records:
             observer.on_record(record)
@@ -83,16 +106,18 @@ def train(
             terms, beta = steps.run(progress, end, observer)
             held = evaluate(model, held_out, batch_size=batch_size, seed=seed)
             record = Record(end, beta, _average(terms), held)
-            judged = _judge(progress, record, terms[-1].kl, end / num_steps >= schedule.settled)
+            judged = _judge(progress, record, terms[-1].kl, schedule.settled * num_steps)
             if judged.best_step == end:
                 best = _copy_of_weights(model)
             progress = replace(judged, finished=end == num_steps or judged.stale >= patience)
             observer.on_record(record)
             if checkpoint is not None:
-                write_checkpoint(checkpoint, progress, model, optimizer, best)
+                write_checkpoint(
+                    checkpoint, settings=settings, progress=progress, model=model, optimizer=optimizer, best=best
+                )
     model.load_state_dict(best)
     model.eval()
-    _diagnose(model, progress.records)
+    _diagnose(model, progress)
     return progress.records
 
 
@@ -115,21 +140,26 @@ class _Steps:
         model, beta, kl = self.model, progress.beta, progress.last_kl
         sampler = BucketedSampler(self.demonstrations.lengths, self.batch_size, self.seed)
         per_step = 1 / float(self.demonstrations.lengths.mean())
+        parts = [part for part in model.children() if any(p.requires_grad for p in part.parameters())]
         history: list[Terms] = []
         model.train()
         for step in range(progress.step, end):
-            torch.manual_seed(np.random.SeedSequence((self.seed, step)).generate_state(1, np.uint64).item())
+            reseed(np.random.SeedSequence((self.seed, step)).generate_state(1, np.uint64).item(), model.device)
             beta = self.schedule.weight(step / self.num_steps, kl, beta)
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
             terms = elbo(model, batch, _random_windows(model, batch))
             self.optimizer.zero_grad()
-            (-per_step * terms.value(beta).mean()).backward()  # type: ignore[no-untyped-call]
-            for part in filter(_learns, model.children()):
-                nn.utils.clip_grad_norm_(part.parameters(), self.clip, error_if_nonfinite=True)
-            self.optimizer.step()
+            (-per_step * terms.value(beta).mean()).backward()
+            norms = [nn.utils.clip_grad_norm_(part.parameters(), self.clip) for part in parts]
             history.append(_mean(terms))
+            if not torch.stack(norms).isfinite().all():
+                raise TrainingError(
+                    f"step {step + 1}: the gradient is not finite; the bound's terms are {history[-1]}. "
+                    "Lower the learning rate, or look for extreme values in the demonstrations."
+                )
+            self.optimizer.step()
             kl = history[-1].kl
             observer.on_step(step + 1, history[-1])
         return history, beta
@@ -142,15 +172,12 @@ def _random_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
 
 
 @torch.no_grad()
-def evaluate(
-    model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size: int = 64, seed: int = 0
-) -> Terms:
+def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size: int = 64, seed: int = 0) -> Terms:
     """Mean terms of the bound over all trajectories, one posterior sample each, without dropout."""
     was_training = model.training
     model.eval()
     weighted: list[Terms] = []
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
+    with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
             terms = _mean(elbo(model, batch, _random_windows(model, batch)))
@@ -172,42 +199,41 @@ def _copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
     return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
 
 
-def _judge(progress: Progress, record: Record, last_kl: float, settled: bool) -> Progress:
-    """The progress after one more evaluation; before the schedule has settled, the latest counts as the best."""
-    score = record.held_out.value(record.beta)
-    improved = not settled or score > progress.best_score
+def _size(demonstrations: Demonstrations) -> str:
+    return f"{len(demonstrations)} episodes of {demonstrations.num_steps} steps"
+
+
+def _judge(progress: Progress, record: Record, last_kl: float, settled: float) -> Progress:
+    """The progress after one more evaluation; before step `settled`, the latest counts as the best."""
+    best = progress.best.held_out
+    improved = progress.best_step < settled or record.held_out.value(record.beta) > best.value(record.beta)
     return replace(
         progress,
         step=record.step,
         beta=record.beta,
         last_kl=last_kl,
         best_step=record.step if improved else progress.best_step,
-        best_score=(score if settled else -math.inf) if improved else progress.best_score,
         stale=0 if improved else progress.stale + 1,
         records=(*progress.records, record),
     )
 
 
-def _diagnose(model: TrajectoryVAE, records: tuple[Record, ...]) -> None:
+def _diagnose(model: TrajectoryVAE, progress: Progress) -> None:
     """Warn in words where a training ended in one of the known ways to fail."""
-    first, last = records[0].held_out, records[-1].held_out
-    if model.latent_features and last.kl < COLLAPSED_NATS:
+    first, kept = progress.records[0].held_out, progress.best.held_out
+    if model.latent_features and kept.kl < COLLAPSED_NATS:
         warnings.warn(
-            f"the latent has collapsed: it holds {last.kl:.3f} nats of a held-out trajectory, so no style can be "
+            f"the latent has collapsed: it holds {kept.kl:.3f} nats of a held-out trajectory, so no style can be "
             "told from it. Lower the weight of the KL term, give the decoders a shorter window, or give them more "
             "dropout, so that they need z. If there is one style only, this is the truth.",
             TrainingWarning,
             stacklevel=3,
         )
-    if last.policy + last.state <= first.policy + first.state:
+    if kept.policy + kept.state <= first.policy + first.state:
         warnings.warn(
             "nothing was learnt: held-out likelihood is no better than before training "
-            f"({last.policy + last.state:.1f} against {first.policy + first.state:.1f} nats a trajectory). Check that "
+            f"({kept.policy + kept.state:.1f} against {first.policy + first.state:.1f} nats a trajectory). Check that "
             "actions depend on observations, train for more steps, or lower the learning rate.",
             TrainingWarning,
             stacklevel=3,
         )
-
-
-def _learns(part: nn.Module) -> bool:
-    return any(parameter.requires_grad for parameter in part.parameters())

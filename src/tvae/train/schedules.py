@@ -13,7 +13,7 @@ from typing import Protocol
 
 
 class KLSchedule(Protocol):
-    """beta as a function of progress, KL and its own last value."""
+    """beta as a function of progress, KL and its own last value. A checkpoint knows it again by its `str`."""
 
     @property
     def settled(self) -> float:
@@ -86,6 +86,10 @@ class Budget:
     rate: float = 0.01
     lowest: float = 0.1
     highest: float = 100.0
+
+    def __post_init__(self) -> None:
+        if self.nats <= 0:
+            raise ValueError(f"a budget needs more than 0 nats, got {self.nats}")
 
     @property
     def settled(self) -> float:
