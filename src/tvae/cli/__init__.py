@@ -35,7 +35,7 @@ data.command("tvae.cli.data:convert", name="convert", help="Write a data set in 
 data.command("tvae.cli.data:make", name="make", help="Write the demonstrations of one of our tasks.")
 app.command(data)
 
-_FORMATS = {".yaml": Yaml, ".yml": Yaml, ".json": Json, ".toml": Toml}
+_FORMATS: dict[str, type[Yaml | Json | Toml]] = {".yaml": Yaml, ".yml": Yaml, ".json": Json, ".toml": Toml}
 
 
 @app.meta.default
