@@ -18,7 +18,7 @@ class ModelConfig:
     hidden_features: int = 64
     """Size of every recurrent net."""
     dropout: float = 0.0
-    """Probability with which an input or a feature is dropped in training."""
+    """Probability with which a feature inside a network is dropped in training."""
     window: int | None = None
     """The most past states that a decoder sees, in training and as a bot; all of them if not given."""
     stop: bool = True

@@ -19,6 +19,7 @@ app = App(
     name="tvae",
     version=__version__,
     help="Find the playstyles hidden in recorded demonstrations, and imitate each of them.",
+    result_action="return_value",
 )
 app.command("tvae.cli.demo:demo", name="demo", help="Run a whole example: styles, a bot for each, a page to look at.")
 app.command("tvae.cli.fit:fit", name="fit", help="Train on demonstrations; find and describe their styles.")

@@ -48,7 +48,7 @@ class TrajectoryVAE(nn.Module):
         observation_space, action_space: what rows are made of.
         latent_features: Z; 0 gives the same model without a latent.
         hidden_features: H of every recurrent net.
-        dropout: probability with which an input or a feature is dropped in training.
+        dropout: probability with which a feature inside a network is dropped in training.
         window: the most past states that a decoder sees; None for all of them.
         stop: whether the end of an episode is modelled, p(end_t | s_1:t, z).
         action_components: K > 1 gives actions a mixture of K laws.
