@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -21,6 +21,7 @@ from torch.distributions import VonMises as TorchVonMises
 _MOST_PROPOSALS = 64
 
 
+@runtime_checkable
 class RowDistribution(Protocol):
     """A law of rows (..., C)."""
 

@@ -7,7 +7,7 @@ type of the demonstrations.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -24,6 +24,7 @@ class SpaceMismatchError(TvaeError):
     """A policy and an environment whose spaces differ; the message says how."""
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Acts in many episodes at once, in rows: one column per signal of the space."""
 

@@ -10,8 +10,6 @@ Three forms of a row:
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -55,7 +53,7 @@ class Normalizer(nn.Module):
         self.register_buffer("_categories", torch.from_numpy(categories), persistent=False)
 
     @classmethod
-    def fit(cls, space: Space, rows: FloatArray) -> Self:
+    def fit(cls, space: Space, rows: FloatArray) -> Normalizer:
         """Mean and standard deviation of the continuous columns of `rows` (N, C); a constant column keeps std 1.
 
         Where single precision could not tell values apart, std is as large as what it can.

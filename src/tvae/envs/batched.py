@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -37,6 +37,7 @@ class State:
 S = TypeVar("S", bound=State)
 
 
+@runtime_checkable
 class Task(Protocol[S]):
     """The law of a world, for N independent copies at once.
 

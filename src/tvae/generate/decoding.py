@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import torch
@@ -34,6 +34,7 @@ def most_likely(law: RowDistribution) -> Tensor:
     return law.mode()
 
 
+@runtime_checkable
 class LatentSource(Protocol):
     """Where each episode's z comes from, such as a playstyle."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
@@ -183,7 +183,7 @@ class TrajectoryVAE(nn.Module):
         os.replace(partial, path)
 
     @classmethod
-    def load(cls, directory: str | Path) -> Self:
+    def load(cls, directory: str | Path) -> TrajectoryVAE:
         """The model that `save` or a run wrote. Nothing in the directory is executed.
 
         Raises `ModelError` for a directory that is no model, is truncated, or has another schema version.

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
+@runtime_checkable
 class KLSchedule(Protocol):
     """beta as a function of progress, KL and its own last value. A checkpoint knows it again by its `str`."""
 
