@@ -222,7 +222,9 @@ def start(arguments: Sequence[str | Path]) -> subprocess.Popen[bytes]:
 def test_a_run_killed_three_times_ends_in_the_same_weights(table: Path, tmp_path: Path) -> None:
     small = ["--training.num-steps", "160", "--training.evaluate-every", "5", "--model.hidden-features", "8"]
     straight, killed = tmp_path / "straight", tmp_path / "killed"
-    assert start(["fit", table, "--out", straight, "--device", "cpu", *small]).wait() == 0
+    first = start(["fit", table, "--out", straight, "--device", "cpu", *small])
+    first.communicate()
+    assert first.returncode == 0
     rng = random.Random(0)
     process = start(["fit", table, "--out", killed, "--device", "cpu", *small])
     for _ in range(3):

@@ -116,7 +116,7 @@ class _Renderer(RendererBase):
         face = rgbFace if rgbFace is not None and (len(rgbFace) < 4 or rgbFace[3] > 0) else None
         self._add(self._outline(path, transform, gc, filled=face is not None), gc, face)
 
-    def draw_markers(  # noqa: PLR0917
+    def draw_markers(
         self,
         gc: GraphicsContextBase,
         marker_path: Path,
@@ -140,7 +140,7 @@ class _Renderer(RendererBase):
         place = f'x="{_number(x)}" y="{_number(self.size[1] - y - rows)}" width="{columns}" height="{rows}"'
         self.shapes.append(f'<image {place} href="data:image/png;base64,{data}"/>')
 
-    def draw_text(  # noqa: PLR0917
+    def draw_text(
         self,
         gc: GraphicsContextBase,
         x: float,

@@ -21,8 +21,8 @@ class RecurrentTrunk(nn.Module):
     """h_t from s_{1:t} and z; the recurrent state starts at zero, so z is all that is known of the past.
 
     The present input [s_t; z] joins the LSTM's output in one further layer, and joins that layer's output too, so
-    that reacting to what is seen now needs no detour through memory, and following it ("go where it is") is linear. Dropout
-    touches what is remembered and mixed, never the present input: a bot that cannot see clearly cannot steer.
+    that reacting to what is seen now needs no detour through memory, and following it ("go where it is") is linear.
+    Dropout touches what is remembered and mixed, never the present input: who cannot see clearly cannot steer.
     """
 
     def __init__(self, state_features: int, latent_features: int, hidden_features: int, dropout: float) -> None:
