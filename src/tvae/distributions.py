@@ -56,7 +56,7 @@ class VonMises(TorchVonMises):
         With u uniform in +-1/2, m + 2 atan(tan(pi u) / sqrt(1 + 4 k)) has a density in proportion to 1 / (1 + 4 k s).
         The ratio exp(-2 k s) (1 + 4 k s) is greatest where 4 k s = min(1, 4 k). Of proposals, 0.66 or more are taken.
         """
-        k = self.concentration.expand(*sample_shape, *self.batch_shape)
+        k = self.concentration.expand((*sample_shape, *self.batch_shape))
         greatest = (4 * k).clamp(max=1)
         away, found = torch.zeros_like(k), torch.zeros_like(k, dtype=torch.bool)
         for _ in range(_MOST_PROPOSALS):

@@ -1,0 +1,96 @@
+"""Nets over sequences of different lengths, against one plain net per sequence."""
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from tvae.model.decoders import RecurrentTrunk
+from tvae.model.encoder import Encoder
+from tvae.nets import BidirectionalLSTM, masked_mean, reverse_within
+
+LENGTHS = torch.tensor([5, 1, 3, 5, 2])
+
+
+@pytest.fixture
+def sequence() -> Tensor:
+    return torch.randn(5, 5, 4, generator=torch.Generator().manual_seed(0))
+
+
+def plain(net: BidirectionalLSTM) -> nn.LSTM:
+    """torch's own bidirectional net with the same weights."""
+    inputs, hidden = net.forwards.input_size, net.forwards.hidden_size
+    result = nn.LSTM(inputs, hidden, batch_first=True, bidirectional=True)
+    own = dict(net.forwards.state_dict())
+    own |= {f"{name}_reverse": value for name, value in net.backwards.state_dict().items()}
+    result.load_state_dict(own)
+    return result
+
+
+def test_bidirectional_is_torchs_own_on_each_sequence(sequence: Tensor):
+    net = BidirectionalLSTM(4, 6)
+    reference = plain(net)
+    outputs = net(sequence, LENGTHS)
+    assert outputs.shape == (5, 5, 12)
+    for row, length, output in zip(sequence, LENGTHS, outputs, strict=True):
+        expected, _ = reference(row[None, :length])
+        torch.testing.assert_close(output[:length], expected[0], rtol=1e-5, atol=1e-6)
+
+
+def test_gradients_of_the_bidirectional_net_are_those_of_each_sequence(sequence: Tensor):
+    net = BidirectionalLSTM(4, 6)
+    reference = plain(net)
+    masked_mean(net(sequence, LENGTHS), torch.arange(5) < LENGTHS[:, None]).square().sum().backward()
+    for row, length in zip(sequence, LENGTHS, strict=True):
+        reference(row[None, :length])[0].mean(1).square().sum().backward()
+    for name, parameter in net.forwards.named_parameters():
+        torch.testing.assert_close(parameter.grad, getattr(reference, name).grad, rtol=1e-4, atol=1e-6)
+    for name, parameter in net.backwards.named_parameters():
+        torch.testing.assert_close(parameter.grad, getattr(reference, f"{name}_reverse").grad, rtol=1e-4, atol=1e-6)
+
+
+def test_reversed_twice_is_the_same(sequence: Tensor):
+    back = reverse_within(sequence, LENGTHS)
+    for row, backwards, length in zip(sequence, back, LENGTHS, strict=True):
+        assert torch.equal(backwards[:length], row[:length].flip(0))
+        assert torch.equal(backwards[length:], row[length:])
+    assert torch.equal(reverse_within(back, LENGTHS), sequence)
+
+
+def test_mean_is_over_the_steps_of_the_mask(sequence: Tensor):
+    mask = torch.arange(5) < LENGTHS[:, None]
+    expected = torch.stack([row[:length].mean(0) for row, length in zip(sequence, LENGTHS, strict=True)])
+    torch.testing.assert_close(masked_mean(sequence, mask), expected)
+
+
+def test_trunk_fed_step_by_step_is_the_trunk_fed_at_once(sequence: Tensor):
+    trunk, z = RecurrentTrunk(4, 2, 6, dropout=0.0), torch.randn(5, 2)
+    at_once, last = trunk(sequence, z)
+    memory = None
+    for step in range(5):
+        features, memory = trunk(sequence[:, step : step + 1], z, memory)
+        torch.testing.assert_close(features[:, 0], at_once[:, step], rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(memory, last, rtol=1e-5, atol=1e-6)
+
+
+def test_posterior_never_loses_its_width(sequence: Tensor):
+    encoder = Encoder(in_features=4, latent_features=2, hidden_features=6)
+    with torch.no_grad():
+        encoder.parameters_of_law.bias[2:] = torch.tensor([1e4, -1e4])
+        law = encoder(sequence, LENGTHS)
+    assert law.stddev.isfinite().all()
+    assert law.stddev.min() > 1e-4
+
+
+@pytest.mark.parametrize("part", ["trunk", "encoder"])
+def test_dropout_is_active_in_training_only(sequence: Tensor, part: str):
+    nets = {"trunk": RecurrentTrunk(4, 2, 6, dropout=0.5), "encoder": Encoder(4, 2, 6, dropout=0.5)}
+    net = nets[part]
+    inputs = (sequence, torch.zeros(5, 2)) if part == "trunk" else (sequence, LENGTHS)
+
+    def output() -> Tensor:
+        result = net(*inputs)
+        return result.mean if part == "encoder" else result[0]
+
+    assert not torch.equal(output(), output())
+    net.eval()
+    assert torch.equal(output(), output())
