@@ -25,6 +25,8 @@ class ModelConfig:
     """Model the end of an episode. Turn it off for segments of long recordings, whose ends mean nothing."""
     action_components: int = 1
     """Laws in the mixture of each action."""
+    state_components: int = 1
+    """Laws in the mixture of each next state; more for worlds that mostly rest and then leap."""
     prior_components: int = 1
     """Gaussians in the prior of z."""
     state_floor: float = 0.1

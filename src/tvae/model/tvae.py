@@ -52,6 +52,7 @@ class TrajectoryVAE(nn.Module):
         window: the most past states that a decoder sees; None for all of them.
         stop: whether the end of an episode is modelled, p(end_t | s_1:t, z).
         action_components: K > 1 gives actions a mixture of K laws.
+        state_components: K > 1 gives next states a mixture of K laws, for worlds that mostly rest and then leap.
         prior_components: K > 1 gives z a learned mixture of K Gaussians as its prior.
         state_floor: smallest standard deviation of a next state, in typical one-step changes.
         action_floor: smallest standard deviation of an action, in its own standard deviations (angles: radians).
@@ -75,6 +76,7 @@ class TrajectoryVAE(nn.Module):
         window: int | None = None,
         stop: bool = True,
         action_components: int = 1,
+        state_components: int = 1,
         prior_components: int = 1,
         state_floor: float = 0.1,
         action_floor: float = 0.02,
@@ -96,6 +98,7 @@ class TrajectoryVAE(nn.Module):
             "window": window,
             "stop": stop,
             "action_components": action_components,
+            "state_components": state_components,
             "prior_components": prior_components,
             "state_floor": state_floor,
             "action_floor": action_floor,
@@ -112,7 +115,13 @@ class TrajectoryVAE(nn.Module):
             else GaussianMixture(latent_features, prior_components)
         )
         self.state_decoder = StateDecoder(
-            observation_space, latent_features, hidden_features, floor=state_floor, stop=stop, dropout=dropout
+            observation_space,
+            latent_features,
+            hidden_features,
+            floor=state_floor,
+            stop=stop,
+            dropout=dropout,
+            num_components=state_components,
         )
         self.policy_decoder = PolicyDecoder(
             states,
