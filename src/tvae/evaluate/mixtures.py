@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.mixture import GaussianMixture
 
-from tvae.spaces import FloatArray
+from tvae.spaces import FloatArray, IntArray
 
 _MOST_COMPONENTS = 15
 _RESTARTS = 2
@@ -89,6 +89,22 @@ def joined(first: Components, second: Components) -> Components:
         np.concatenate([first.means, second.means]),
         np.concatenate([first.covariances, second.covariances]),
     )
+
+
+def assign(clusters: Sequence[Components], points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The most likely of K clusters (N,) for each of `points` (N, D), and its posterior probability (N,).
+
+    A cluster's density is the sum of its components', weights included.
+
+    >>> left = Components(np.array([0.5]), np.array([[0.0]]), np.ones((1, 1, 1)))
+    >>> right = Components(np.array([0.5]), np.array([[2.0]]), np.ones((1, 1, 1)))
+    >>> cluster, probability = assign([left, right], np.array([[2.0]]))
+    >>> cluster.tolist(), probability.round(3).tolist()  # 1 / (1 + exp(-2))
+    ([1], [0.881])
+    """
+    joint = np.stack([components.log_density(points) for components in clusters], axis=1)
+    probability: FloatArray = np.exp(joint.max(1) - logsumexp(joint, axis=1))
+    return joint.argmax(1), probability
 
 
 def plausible_mixtures(points: FloatArray, *, floor: float, seed: int = 0) -> list[Components]:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
 
 from tvae.evaluate.encoding import Posteriors
-from tvae.evaluate.mixtures import Components
+from tvae.evaluate.mixtures import Components, assign
 from tvae.spaces import FloatArray, IntArray
 
 SCHEMA_VERSION = 1
@@ -106,14 +105,6 @@ class Playstyles:
             active,
             np.array(data["confusion"], dtype=np.float64),
         )
-
-
-def assign(styles: list[Components], points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The style (N,) of each of `points` (N, D) and its posterior probability (N,), by the components of each style."""
-    log_joint = np.stack([components.log_density(points) for components in styles], axis=1)
-    best = log_joint.argmax(1)
-    probability: FloatArray = np.exp(log_joint.max(1) - logsumexp(log_joint, axis=1))
-    return best, probability
 
 
 def _style_to_json(style: Style) -> dict[str, Any]:

@@ -115,9 +115,7 @@ def pass_heights(points: FloatArray, pair: Components, shares: FloatArray) -> Fl
     return _valleys(along, np.stack([shares, tube], axis=1), distance, bandwidths)
 
 
-def _valleys(
-    positions: FloatArray, weights: FloatArray, distance: float, bandwidths: FloatArray
-) -> FloatArray:
+def _valleys(positions: FloatArray, weights: FloatArray, distance: float, bandwidths: FloatArray) -> FloatArray:
     """(M,) lowest density of `positions` (N,) between 0 and `distance`, over the lower of the peaks beside it.
 
     Once for each column of `weights` (N, M). The kernel estimate's width goes from one of the two `bandwidths` to
