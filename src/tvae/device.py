@@ -25,8 +25,8 @@ def resolve_device(name: str) -> torch.device:
     there = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
     if name == "auto":
         return torch.device(next(kind for kind in ("cuda", "mps", "cpu") if there[kind]))
-    kind, _, index = name.partition(":")
-    if kind not in there or (index and not (kind == "cuda" and index.isdigit())):
+    kind, colon, index = name.partition(":")
+    if kind not in there or (colon and not (kind == "cuda" and index.isdecimal())):
         raise DeviceError(f"device must be auto, cpu, cuda, cuda:N or mps, got {name!r}")
     if not there[kind] or (index and int(index) >= torch.cuda.device_count()):
         usable = ", ".join(kind for kind, usable in there.items() if usable)

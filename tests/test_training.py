@@ -1,0 +1,450 @@
+"""Training learns, resumes exactly, stops, and says in words what is wrong."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from toys import noise, two_styles, untrained
+from tvae.data.batches import batch_of
+from tvae.data.demonstrations import Demonstrations
+from tvae.model.elbo import cut, elbo, whole
+from tvae.model.tvae import TrajectoryVAE
+from tvae.train.checkpoint import CheckpointError, Record, Terms
+from tvae.train.fitting import fit, new_model
+from tvae.train.loop import Observer, TrainingError, TrainingWarning, evaluate, train
+from tvae.train.schedules import RAISED_LATE, Budget, Constant, KLSchedule, Piecewise
+
+QUICK = {"num_steps": 60, "batch_size": 8, "evaluate_every": 10, "learning_rate": 5e-3}
+
+
+class KilledError(Exception):
+    """The power went out."""
+
+
+@pytest.fixture(scope="module")
+def walks() -> tuple[Demonstrations, Demonstrations]:
+    return two_styles(200).split(0.1, seed=0)
+
+
+def trained(
+    model: TrajectoryVAE, walks: tuple[Demonstrations, Demonstrations], **arguments
+) -> tuple[TrajectoryVAE, tuple[Record, ...]]:
+    """The model after a short training whose warnings are not of interest, and its evaluations."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TrainingWarning)
+        records = train(model, *walks, **{"schedule": Constant(), **QUICK, **arguments})
+    return model, records
+
+
+def weights(model: nn.Module) -> dict[str, Tensor]:
+    return {name: tensor.clone() for name, tensor in model.state_dict().items()}
+
+
+def same(left: dict[str, Tensor], right: dict[str, Tensor]) -> bool:
+    return left.keys() == right.keys() and all(torch.equal(left[name], right[name]) for name in left)
+
+
+# Learning
+
+
+def test_fit_finds_the_two_styles(walks: tuple[Demonstrations, Demonstrations]):
+    """The bound rises, z tells the sides apart, and nothing is warned of (warnings are errors)."""
+    records: list[Record] = []
+    model = fit(
+        two_styles(200),
+        hidden_features=16,
+        num_steps=150,
+        batch_size=32,
+        learning_rate=1e-2,
+        evaluate_every=50,
+        device="cpu",
+        observer=Observer(on_record=records.append),
+    )
+    assert not model.training
+    assert [record.step for record in records] == [0, 50, 100, 150]
+    assert records[-1].held_out.value(1.0) > records[0].held_out.value(1.0) + 30
+    assert records[-1].training.value(1.0) > records[1].training.value(1.0)
+    held_out = walks[1]
+    with torch.no_grad():
+        means = model.posterior(batch_of(held_out, np.arange(len(held_out)))).mean.numpy()
+    right = held_out.attribute("label") == "right"
+    axis = means[right].mean(0) - means[~right].mean(0)
+    assert (means[right] @ axis).min() > (means[~right] @ axis).max()
+
+
+CONFIGURATIONS = {
+    "paper": {"latent_features": 2},
+    "no latent": {"latent_features": 0},
+    "stop": {"stop": True},
+    "no stop": {"stop": False},
+    "mixtures": {"action_components": 3, "prior_components": 4},
+    "windows": {"window": 2, "dropout": 0.1},
+}
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_every_parameter_gets_a_gradient(name: str):
+    demonstrations = noise([5, 3, 6, 4])
+    model = untrained(demonstrations, **CONFIGURATIONS[name]).train()
+    batch = batch_of(demonstrations, np.arange(4))
+    windows = whole(batch) if model.window is None else cut(batch.lengths, model.window, 1)
+    (-elbo(model, batch, windows).value().mean()).backward()
+    gradients = {name: parameter.grad for name, parameter in model.named_parameters()}
+    assert all(gradient is not None and gradient.isfinite().all() for gradient in gradients.values())
+    assert [name for name, gradient in gradients.items() if not gradient.any()] == []
+
+
+def test_evaluation_depends_on_the_seed_and_leaves_all_as_it_was():
+    demonstrations = noise([5, 3, 6, 4, 1])
+    model = untrained(demonstrations, dropout=0.5, window=3).train()
+    torch.manual_seed(8)
+    expected = torch.rand(3)
+    torch.manual_seed(8)
+    first = evaluate(model, demonstrations, batch_size=2, seed=4)
+    assert model.training
+    assert torch.equal(torch.rand(3), expected)
+    assert evaluate(model, demonstrations, batch_size=2, seed=4) == first
+    assert evaluate(model, demonstrations, batch_size=2, seed=5) != first
+
+
+def test_evaluation_is_the_mean_over_trajectories():
+    """Batches of different sizes count by their trajectories; without latent nothing is random."""
+    demonstrations = noise([5, 3, 6, 4, 1])
+    model = untrained(demonstrations, latent_features=0, stop=True)
+    together = evaluate(model, demonstrations, batch_size=5)
+    apart = evaluate(model, demonstrations, batch_size=2)
+    for name in ("policy", "state", "stop", "kl"):
+        assert getattr(together, name) == pytest.approx(getattr(apart, name), rel=1e-5)
+
+
+@pytest.mark.parametrize("clip", [1e-3, 0.1, 1e6])
+def test_each_part_is_clipped_on_its_own(walks: tuple[Demonstrations, Demonstrations], clip: float):
+    model = untrained(walks[0], prior_components=2)
+    parts = ("encoder", "prior", "state_decoder", "policy_decoder")
+    norms: list[list[float]] = []
+
+    def look(step: int, terms: Terms) -> None:
+        gradients = ([p.grad.flatten() for p in getattr(model, part).parameters()] for part in parts)
+        norms.append([float(torch.cat(gradient).norm()) for gradient in gradients])
+
+    trained(model, walks, clip=clip, num_steps=3, observer=Observer(on_step=look))
+    assert len(norms) == 3
+    for norm in np.ravel(norms):
+        assert norm == pytest.approx(clip, rel=1e-2) if clip == 1e-3 else 0 < norm <= clip * 1.001
+
+
+def test_observer_is_told_of_each_step_and_evaluation(walks: tuple[Demonstrations, Demonstrations]):
+    steps, told = [], []
+    observer = Observer(lambda step, terms: steps.append(step), told.append)
+    _, records = trained(untrained(walks[0]), walks, num_steps=25, observer=observer)
+    assert steps == list(range(1, 26))
+    assert [record.step for record in records] == [0, 10, 20, 25]
+    assert tuple(told) == records
+
+
+# The schedule of the KL term
+
+
+def test_constant_and_piecewise_weights():
+    assert [Constant(3.0).weight(p, kl=1.0, previous=7.0) for p in (0.0, 1.0)] == [3, 3]
+    assert [RAISED_LATE.weight(p, kl=1.0, previous=7.0) for p in (0.0, 0.4, 0.45, 0.5, 1.0)] == pytest.approx(
+        [1, 1, 5.5, 10, 10]
+    )
+    late = Piecewise(((0.5, 2.0), (0.75, 4.0)))
+    assert [late.weight(p, kl=0.0, previous=0.0) for p in (0.0, 0.5, 0.625, 0.9)] == [2, 2, 3, 4]
+    assert (Constant().settled, RAISED_LATE.settled, late.settled) == (0, 0.5, 0.75)
+
+
+@pytest.mark.parametrize("points", [(), ((0.5, 1.0), (0.5, 2.0)), ((0.5, 1.0), (0.1, 2.0))])
+def test_points_out_of_order_are_refused(points: tuple):
+    with pytest.raises(ValueError, match="points need rising progress"):
+        Piecewise(points)
+
+
+def test_budget_pushes_the_divergence_to_its_nats():
+    budget = Budget(nats=2.0, begin=0.3, rate=0.1)
+    assert budget.weight(0.1, kl=50.0, previous=9.0) == 1
+    assert budget.weight(0.5, kl=50.0, previous=1.0) == pytest.approx(np.exp(0.1))
+    assert budget.weight(0.5, kl=2.0, previous=3.0) == pytest.approx(3)
+    assert budget.weight(0.5, kl=0.0, previous=1.0) == pytest.approx(np.exp(-0.1))
+    assert budget.weight(0.5, kl=50.0, previous=99.9) == 100
+    assert budget.weight(0.5, kl=0.0, previous=0.101) == 0.1
+    beta, kl = 1.0, 8.0
+    for _ in range(500):  # a divergence that answers to the weight
+        beta, kl = budget.weight(0.5, kl, beta), 8 / (1 + beta)
+    assert kl == pytest.approx(2, rel=1e-2)
+    with pytest.raises(ValueError, match="more than 0 nats, got 0"):
+        Budget(nats=0)
+
+
+@pytest.mark.parametrize("schedule", [Piecewise(((0.0, 1.0), (0.5, 5.0))), Budget(nats=0.5, begin=0.2, rate=0.05)])
+def test_training_follows_the_schedule(walks: tuple[Demonstrations, Demonstrations], schedule: KLSchedule):
+    divergences: list[float] = []
+    observer = Observer(on_step=lambda step, terms: divergences.append(terms.kl))
+    _, records = trained(untrained(walks[0]), walks, schedule=schedule, observer=observer)
+    beta, kl, expected = records[0].beta, records[0].held_out.kl, []
+    for step, latest in enumerate(divergences):
+        beta = schedule.weight(step / 60, kl, beta)
+        kl = latest
+        expected.append(beta)
+    assert [record.beta for record in records[1:]] == pytest.approx([expected[i - 1] for i in range(10, 61, 10)])
+
+
+# Stopping and keeping the best
+
+
+def test_training_ends_when_patience_does(walks: tuple[Demonstrations, Demonstrations]):
+    """Weights that do not move never improve."""
+    model = untrained(walks[0])
+    before = weights(model)
+    with pytest.warns(TrainingWarning, match="nothing was learnt"):
+        records = train(model, *walks, schedule=Constant(), **{**QUICK, "learning_rate": 0.0}, patience=3)
+    assert [record.step for record in records] == [0, 10, 20, 30]
+    assert same(weights(model), before)
+
+
+def test_patience_begins_when_the_schedule_has_settled(walks: tuple[Demonstrations, Demonstrations]):
+    schedule = Piecewise(((0.0, 1.0), (0.5, 1.0)))
+    _, records = trained(untrained(walks[0]), walks, schedule=schedule, learning_rate=0.0, patience=2)
+    assert [record.step for record in records] == [0, 10, 20, 30, 40, 50]
+
+
+def test_the_best_weights_are_kept(walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch):
+    """Scores are made up: the best is that of step 30, though an earlier one, before beta settled, was higher."""
+    scores = iter([-9.0, 50.0, 2.0, 5.0, 4.0, 4.5, 4.9])
+    seen: dict[int, dict[str, Tensor]] = {}
+    model = untrained(walks[0])
+
+    def made_up(model: TrajectoryVAE, *arguments, **keywords) -> Terms:
+        return Terms(policy=next(scores), state=0.0, stop=0.0, kl=1.0)
+
+    monkeypatch.setattr("tvae.train.loop.evaluate", made_up)
+    observer = Observer(on_record=lambda record: seen.update({record.step: weights(model)}))
+    records = train(
+        model, *walks, schedule=Piecewise(((0.0, 1.0), (0.3, 1.0))), **QUICK, patience=10, observer=observer
+    )
+    assert len(records) == 7
+    assert same(weights(model), seen[30])
+    assert not same(seen[30], seen[40])
+
+
+def test_evaluations_are_compared_under_the_same_weight_of_the_divergence(
+    walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
+):
+    """As beta rises every bound falls; that alone does not make the later weights worse."""
+    scores = iter([Terms(-9, 0, 0, 0), *(Terms(10 + i, 0, 0, 5 - 0.5 * i) for i in range(6))])
+    seen: dict[int, dict[str, Tensor]] = {}
+    model = untrained(walks[0])
+    monkeypatch.setattr("tvae.train.loop.evaluate", lambda *arguments, **keywords: next(scores))
+    observer = Observer(on_record=lambda record: seen.update({record.step: weights(model)}))
+    rising = Budget(nats=0.01, begin=0.0, rate=0.1)
+    records = train(model, *walks, schedule=replace(rising, begin=-0.4), **QUICK, observer=observer, patience=2)
+    assert records[-1].held_out.value(records[-1].beta) < records[1].held_out.value(records[1].beta)
+    assert same(weights(model), seen[60])
+
+
+# Warnings
+
+
+def test_a_collapsed_latent_is_warned_of(walks: tuple[Demonstrations, Demonstrations]):
+    with pytest.warns(TrainingWarning, match=r"the latent has collapsed: it holds 0\.0\d\d nats") as caught:
+        train(untrained(walks[0]), *walks, schedule=Constant(1e3), **QUICK)
+    assert len(caught) == 1
+
+
+def test_without_latent_nothing_collapses(walks: tuple[Demonstrations, Demonstrations]):
+    records = train(untrained(walks[0], latent_features=0), *walks, schedule=Constant(), **QUICK)
+    assert records[-1].held_out.kl == 0
+
+
+def test_warnings_are_about_the_weights_that_are_kept(
+    walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
+):
+    """Over-fitting after the best evaluation is what the best weights are kept for: no warning."""
+    good, bad = Terms(5.0, 0.0, 0.0, 2.0), Terms(-50.0, 0.0, 0.0, 0.0)
+    scores = iter([Terms(0.0, 0.0, 0.0, 0.5), good, bad, bad, bad])
+    monkeypatch.setattr("tvae.train.loop.evaluate", lambda *arguments, **keywords: next(scores))
+    records = train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, patience=3)
+    assert records[-1].held_out == bad
+
+
+# Resuming
+
+
+def resumable(walks: tuple[Demonstrations, Demonstrations]) -> TrajectoryVAE:
+    return untrained(walks[0], dropout=0.1, window=4, stop=True, prior_components=2)
+
+
+SCHEDULES = {"piecewise": RAISED_LATE, "budget": Budget(nats=0.5, begin=0.1, rate=0.05)}
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES)
+def test_a_killed_training_ends_in_the_same_weights(
+    walks: tuple[Demonstrations, Demonstrations], tmp_path: Path, schedule: str
+):
+    arguments = {"schedule": SCHEDULES[schedule], "seed": 3}
+    straight, records = trained(resumable(walks), walks, **arguments)
+    random = np.random.default_rng(0)
+    checkpoint, kills = tmp_path / "checkpoint.safetensors", [4, 10, *random.integers(11, 60, 4)]
+    for kill in kills:
+
+        def die(step: int, terms: Terms, kill: int = int(kill)) -> None:
+            if step == kill:
+                raise KilledError
+
+        torch.manual_seed(int(random.integers(1_000)))  # what others draw does not matter
+        model = resumable(walks)
+        try:
+            trained(model, walks, checkpoint=checkpoint, observer=Observer(on_step=die), **arguments)
+        except KilledError:
+            continue
+    again, resumed = trained(resumable(walks), walks, checkpoint=checkpoint, **arguments)
+    assert same(weights(again), weights(straight))
+    assert resumed == records
+    assert list(tmp_path.iterdir()) == [checkpoint]
+
+
+def test_a_finished_training_is_not_repeated(walks: tuple[Demonstrations, Demonstrations], tmp_path: Path):
+    checkpoint = tmp_path / "checkpoint"
+    model, records = trained(resumable(walks), walks, checkpoint=checkpoint)
+    steps = []
+    observer = Observer(on_step=lambda step, terms: steps.append(step))
+    again, same_records = trained(resumable(walks), walks, checkpoint=checkpoint, observer=observer)
+    assert steps == []
+    assert same_records == records
+    assert same(weights(again), weights(model))
+
+
+def test_training_leaves_the_randomness_of_others_alone(walks: tuple[Demonstrations, Demonstrations]):
+    torch.manual_seed(8)
+    expected = torch.rand(3)
+    torch.manual_seed(8)
+    trained(untrained(walks[0], dropout=0.1), walks, num_steps=2)
+    assert torch.equal(torch.rand(3), expected)
+
+
+def test_first_weights_depend_on_the_seed_alone(walks: tuple[Demonstrations, Demonstrations]):
+    first, second, other = (weights(new_model(walks[0], seed=seed, device="cpu")) for seed in (5, 5, 6))
+    assert same(first, second)
+    assert not same(first, other)
+
+
+@pytest.fixture
+def checkpoint(walks: tuple[Demonstrations, Demonstrations], tmp_path: Path) -> Path:
+    path = tmp_path / "checkpoint.safetensors"
+    trained(untrained(walks[0]), walks, num_steps=2, checkpoint=path)
+    return path
+
+
+def rewritten(path: Path, **metadata: str) -> None:
+    with safe_open(path, framework="pt") as file:
+        old = file.metadata()
+    save_file(load_file(path), path, {**old, **metadata})
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"version": "1"}, r"needs format tvae-checkpoint, version 2, got 'tvae-checkpoint', version '1'"),
+        ({"version": "99"}, "version '99'"),
+        ({"format": "pt"}, "got 'pt', version '2'"),
+    ],
+)
+def test_another_version_or_format_is_refused(
+    walks: tuple[Demonstrations, Demonstrations], checkpoint: Path, metadata: dict[str, str], message: str
+):
+    rewritten(checkpoint, **metadata)
+    with pytest.raises(CheckpointError, match=message):
+        trained(untrained(walks[0]), walks, num_steps=2, checkpoint=checkpoint)
+
+
+def test_what_is_no_checkpoint_is_refused(walks: tuple[Demonstrations, Demonstrations], checkpoint: Path):
+    whole_file = checkpoint.read_bytes()
+    for content in (b"", b"hello", whole_file[:1000], whole_file[:-5]):
+        checkpoint.write_bytes(content)
+        with pytest.raises(CheckpointError, match="is not a whole safetensors file"):
+            trained(untrained(walks[0]), walks, num_steps=2, checkpoint=checkpoint)
+    save_file({"a": torch.zeros(2)}, checkpoint)
+    with pytest.raises(CheckpointError, match="got None, version None"):
+        trained(untrained(walks[0]), walks, num_steps=2, checkpoint=checkpoint)
+
+
+def test_a_checkpoint_of_another_model_is_refused(walks: tuple[Demonstrations, Demonstrations], checkpoint: Path):
+    with pytest.raises(CheckpointError, match="belongs to another model"):
+        trained(untrained(walks[0], hidden_features=9), walks, num_steps=2, checkpoint=checkpoint)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"num_steps": 3}, r"num_steps 2 \(now 3\)"),
+        ({"num_steps": 2, "seed": 1, "clip": 2.0}, r"clip 1.0 \(now 2.0\), seed 0 \(now 1\)"),
+        ({"num_steps": 2, "schedule": RAISED_LATE}, r"schedule Constant\(beta=1.0\) \(now Piecewise"),
+    ],
+)
+def test_a_checkpoint_of_another_training_is_refused(
+    walks: tuple[Demonstrations, Demonstrations], checkpoint: Path, change: dict, message: str
+):
+    with pytest.raises(CheckpointError, match=message):
+        trained(untrained(walks[0]), walks, checkpoint=checkpoint, **change)
+
+
+def test_a_checkpoint_of_other_demonstrations_is_refused(
+    walks: tuple[Demonstrations, Demonstrations], checkpoint: Path
+):
+    fewer = (walks[0][:50], walks[1])
+    with pytest.raises(CheckpointError, match=r"demonstrations 180 episodes of 1800 steps \(now 50 episodes"):
+        trained(untrained(walks[0]), fewer, num_steps=2, checkpoint=checkpoint)
+
+
+def test_a_checkpoint_holds_plain_text_and_numbers(checkpoint: Path):
+    header = checkpoint.read_bytes()[8:]
+    assert header.startswith(b"{")
+    with safe_open(checkpoint, framework="pt") as file:
+        progress = json.loads(file.metadata()["progress"])
+    assert progress["step"] == 2
+    assert progress["finished"]
+
+
+# Things that cannot go on
+
+
+def test_gradients_that_are_not_finite_are_an_error_in_words(walks: tuple[Demonstrations, Demonstrations]):
+    model = untrained(walks[0])
+    steps = []
+    observer = Observer(on_step=lambda step, terms: steps.append(step))
+    with pytest.raises(TrainingError, match=r"step \d+: the gradient is not finite; .*Lower the learning rate"):
+        train(model, *walks, schedule=Constant(), **{**QUICK, "learning_rate": 1e30}, observer=observer)
+    assert len(steps) >= 1
+
+
+@pytest.mark.parametrize("name", ["num_steps", "batch_size", "evaluate_every"])
+def test_counts_below_1_are_refused(walks: tuple[Demonstrations, Demonstrations], name: str):
+    with pytest.raises(ValueError, match=f"{name} must be at least 1, got 0"):
+        train(untrained(walks[0]), *walks, schedule=Constant(), **{**QUICK, name: 0})
+
+
+def test_one_trajectory_of_one_step_can_be_trained_on():
+    demonstrations = noise([1, 1], [False, True])
+    model = untrained(demonstrations, stop=True)
+    _, records = trained(model, (demonstrations[:1], demonstrations[1:]))
+    assert np.isfinite([record.training.value(1.0) for record in records]).all()
+    assert records[-1].training.value(1.0) > records[1].training.value(1.0)
+
+
+def test_every_kind_of_signal_can_be_trained_on():
+    demonstrations = noise([5, 8, 3, 9, 2, 7])
+    model = untrained(demonstrations, stop=True, action_components=2, prior_components=2)
+    _, records = trained(model, (demonstrations[:4], demonstrations[4:]), schedule=Constant(0.1))
+    assert np.isfinite([record.training.value(1.0) for record in records]).all()
+    assert records[-1].training.value(1.0) > records[1].training.value(1.0)
