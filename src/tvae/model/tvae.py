@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.errors import TvaeError
+from tvae.files import appearing
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
@@ -180,16 +180,14 @@ class TrajectoryVAE(nn.Module):
         """Write `model.safetensors` and `config.json` into `directory`; each appears only when whole."""
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        partial = directory / "config.json.partial"
-        partial.write_text(json.dumps(self.description(), indent=2), encoding="utf-8")
-        self.save_weights(directory / "model.safetensors")
-        os.replace(partial, directory / "config.json")
+        with appearing(directory / "config.json", overwrite=True) as partial:
+            partial.write_text(json.dumps(self.description(), indent=2), encoding="utf-8")
+            self.save_weights(directory / "model.safetensors")
 
     def save_weights(self, path: Path) -> None:
-        """Write the weights under a temporary name, then rename."""
-        partial = path.with_name(path.name + ".partial")
-        save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
-        os.replace(partial, path)
+        """Write the weights as safetensors, whole or not at all."""
+        with appearing(path, overwrite=True) as partial:
+            save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
 
     @classmethod
     def load(cls, directory: str | Path) -> TrajectoryVAE:
