@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from data_strategies import assert_same, demonstrations, quick
 from tvae.data import growing
 from tvae.data.demonstrations import Demonstrations
-from tvae.files import appearing
 from tvae.data.ragged import blocks, ranges
 from tvae.data.trajectory import DataError, Trajectory
+from tvae.files import appearing
 from tvae.spaces import Binary, Continuous, Space
 
 X, GO = Space((Continuous("x"),)), Space((Binary("go"),))

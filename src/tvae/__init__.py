@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from tvae.data.sources import save_demonstrations as save_demonstrations
     from tvae.data.trajectory import DataError as DataError
     from tvae.data.trajectory import Trajectory as Trajectory
-    from tvae.evaluate.playstyles import Playstyles as Playstyles
     from tvae.evaluate.playstyles import discover as discover
+    from tvae.evaluate.styles import Playstyles as Playstyles
     from tvae.generate.closed_loop import Agent as Agent
     from tvae.generate.closed_loop import rollout as rollout
     from tvae.generate.open_loop import imagine as imagine
@@ -28,7 +28,7 @@ _HOMES = {
     "Agent": "tvae.generate.closed_loop",
     "DataError": "tvae.data.trajectory",
     "Demonstrations": "tvae.data.demonstrations",
-    "Playstyles": "tvae.evaluate.playstyles",
+    "Playstyles": "tvae.evaluate.styles",
     "Trajectory": "tvae.data.trajectory",
     "TrajectoryVAE": "tvae.model.tvae",
     "discover": "tvae.evaluate.playstyles",

@@ -18,13 +18,15 @@ class ModelConfig:
     hidden_features: int = 64
     """Size of every recurrent net."""
     dropout: float = 0.0
-    """Probability with which an input or a feature is dropped in training."""
+    """Probability with which a feature inside a network is dropped in training."""
     window: int | None = None
     """The most past states that a decoder sees, in training and as a bot; all of them if not given."""
     stop: bool = True
     """Model the end of an episode. Turn it off for segments of long recordings, whose ends mean nothing."""
     action_components: int = 1
     """Laws in the mixture of each action."""
+    state_components: int = 1
+    """Laws in the mixture of each next state; more for worlds that mostly rest and then leap."""
     prior_components: int = 1
     """Gaussians in the prior of z."""
     state_floor: float = 0.1

@@ -19,23 +19,54 @@ app = App(
     name="tvae",
     version=__version__,
     help="Find the playstyles hidden in recorded demonstrations, and imitate each of them.",
+    result_action="return_value",
 )
-app.command("tvae.cli.demo:demo", name="demo", help="Run a whole example: styles, a bot for each, a page to look at.")
-app.command("tvae.cli.fit:fit", name="fit", help="Train on demonstrations; find and describe their styles.")
-app.command("tvae.cli.styles:styles", name="styles", help="Say in words which styles a run found; label sessions.")
-app.command("tvae.cli.generate:generate", name="generate", help="Imagine episodes of a style, without environment.")
-app.command("tvae.cli.rollout:rollout", name="rollout", help="Let the bot of a style act in an environment.")
-app.command("tvae.cli.evaluate:evaluate", name="evaluate", help="Measure a run: likelihood, styles, bots.")
-app.command("tvae.cli.report:report", name="report", help="Write the page of a run anew.")
-
 data = App(name="data", help="Look at demonstrations, check them, convert them.")
-data.command("tvae.cli.data:info", name="info", help="Show what is in a data set.")
-data.command("tvae.cli.data:validate", name="validate", help="List everything that is wrong with a table.")
-data.command("tvae.cli.data:convert", name="convert", help="Write a data set in another format.")
-data.command("tvae.cli.data:make", name="make", help="Write the demonstrations of one of our tasks.")
 app.command(data)
 
-_FORMATS = {".yaml": Yaml, ".yml": Yaml, ".json": Json, ".toml": Toml}
+_VERBS = (
+    (app, "demo", "Run a whole example: styles, a bot for each, a page to look at.", "tvae demo pusht"),
+    (
+        app,
+        "fit",
+        "Train on demonstrations; find and describe their styles.",
+        "tvae fit sessions.csv --out runs/sessions --angular action.heading --env tvae/ZombieAttack-v0",
+    ),
+    (
+        app,
+        "styles",
+        "Say in words which styles a run found; label other sessions.",
+        "tvae styles runs/sessions --data new.parquet --out labels.parquet",
+    ),
+    (
+        app,
+        "generate",
+        "Imagine episodes of a style, without an environment.",
+        "tvae generate runs/zombie --style attack --episodes 50 --out imagined.csv",
+    ),
+    (
+        app,
+        "rollout",
+        "Let the bot of a style act in an environment.",
+        "tvae rollout runs/zombie --style attack --episodes 1000 --out attack.parquet",
+    ),
+    (app, "evaluate", "Measure a run: likelihood, styles, bots.", "tvae evaluate runs/zombie --episodes 1000"),
+    (app, "report", "Write the page of a run anew.", "tvae report runs/sessions"),
+    (data, "info", "Show what is in a data set.", "tvae data info sessions.parquet"),
+    (data, "validate", "List everything that is wrong with a table.", "tvae data validate sessions.csv"),
+    (
+        data,
+        "convert",
+        "Write a data set in another format; nothing is lost.",
+        "tvae data convert sessions.csv sessions.parquet --angular action.heading",
+    ),
+    (data, "make", "Write the demonstrations of one of our tasks.", "tvae data make zombie zombie.parquet"),
+)
+for _group, _verb, _help, _example in _VERBS:
+    _module = "data" if _group is data else _verb
+    _group.command(f"tvae.cli.{_module}:{_verb}", name=_verb, help=_help, help_epilogue=f"Example: {_example}")
+
+_FORMATS: dict[str, type[Yaml | Json | Toml]] = {".yaml": Yaml, ".yml": Yaml, ".json": Json, ".toml": Toml}
 
 
 @app.meta.default
@@ -43,11 +74,14 @@ def _with_config(
     *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
     config: Annotated[Path | None, Parameter(help="YAML, TOML or JSON file with options of the command.")] = None,
 ) -> None:
-    if config is not None:
-        if config.suffix not in _FORMATS:
-            raise TvaeError(f"--config needs a file that ends in {', '.join(_FORMATS)}, got {config}")
-        app.config = _FORMATS[config.suffix](config, must_exist=True, use_commands_as_keys=False)
+    if config is not None and config.suffix not in _FORMATS:
+        raise TvaeError(f"--config needs a file that ends in {', '.join(_FORMATS)}, got {config}")
+    app.config = () if config is None else (_read(config),)
     app(tokens)
+
+
+def _read(config: Path) -> Yaml | Json | Toml:
+    return _FORMATS[config.suffix](config, must_exist=True, use_commands_as_keys=False)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -19,8 +19,6 @@ from tvae.experiments.tasks import TASKS
 def info(data: str, *, columns: Columns = COLUMNS) -> None:
     """Show what is in a data set: episodes, lengths, what each column was taken for.
 
-    Example: `tvae data info sessions.parquet`
-
     Parameters
     ----------
     data
@@ -44,8 +42,6 @@ def info(data: str, *, columns: Columns = COLUMNS) -> None:
 def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     """List everything that is wrong with a table, with counts and first places. Exit status 1 if anything is.
 
-    Example: `tvae data validate sessions.csv`
-
     Parameters
     ----------
     data
@@ -63,8 +59,6 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
 
 def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = False) -> None:
     """Write a data set in another format; nothing is lost.
-
-    Example: `tvae data convert sessions.csv sessions.parquet --angular action.heading`
 
     Parameters
     ----------
@@ -87,8 +81,6 @@ def make(
     force: Force = False,
 ) -> None:
     """Write the demonstrations of one of our tasks.
-
-    Example: `tvae data make zombie zombie.parquet`
 
     Parameters
     ----------

@@ -24,12 +24,6 @@ def demo(
 ) -> None:
     """Run a whole example: unlabelled demonstrations become styles, a bot for each, and a page to look at.
 
-    Examples:
-
-        tvae demo
-
-        tvae demo pusht --data data/pusht_human_206.npz --out runs/pusht
-
     Parameters
     ----------
     task

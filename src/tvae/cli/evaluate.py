@@ -21,8 +21,6 @@ def evaluate(
 ) -> None:
     """Measure a run: held-out likelihood with z against the same model trained without, and its bots.
 
-    Example: `tvae evaluate runs/zombie --episodes 1000`
-
     Parameters
     ----------
     env

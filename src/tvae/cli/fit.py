@@ -29,14 +29,6 @@ def fit(
 ) -> None:
     """Train on demonstrations, find and describe their styles, write a report.
 
-    Examples:
-
-        tvae fit sessions.parquet --out runs/sessions
-
-        tvae fit sessions.csv --out runs/s --angular action.heading --env tvae/ZombieAttack-v0
-
-        tvae fit --out runs/sessions --resume
-
     Parameters
     ----------
     data

@@ -23,8 +23,6 @@ def generate(
 ) -> None:
     """Imagine episodes of a style: states by the state decoder, actions by the policy decoder, no environment.
 
-    Example: `tvae generate runs/zombie --style attack --episodes 50 --out imagined.csv`
-
     Parameters
     ----------
     out

@@ -24,11 +24,11 @@ TRAINING = TrainingConfig()
 class Columns:
     """How a table is read."""
 
-    angular: tuple[str, ...] = ()
+    angular: Annotated[tuple[str, ...], Parameter(negative="")] = ()
     """Column that is an angle in radians, such as observation.heading; may be repeated."""
-    continuous: tuple[str, ...] = ()
+    continuous: Annotated[tuple[str, ...], Parameter(negative="")] = ()
     """Column that is a number; may be repeated."""
-    categorical: tuple[str, ...] = ()
+    categorical: Annotated[tuple[str, ...], Parameter(negative="")] = ()
     """Column that is a category; may be repeated."""
     segment: int | None = None
     """Cut recordings into segments of at most so many steps."""

@@ -10,8 +10,6 @@ from tvae.experiments.run_directory import RunDirectory
 
 def report(run: Run) -> None:
     """Write the page of a run anew, from what its directory holds.
-
-    Example: `tvae report runs/sessions`
     """
     directory = RunDirectory.existing(run)
     write_report(directory, about_run(directory).source.load())

@@ -26,8 +26,6 @@ def rollout(
 ) -> None:
     """Let the bot of a style act in an environment, and write its episodes as demonstrations.
 
-    Example: `tvae rollout runs/zombie --style attack --episodes 1000 --out attack.parquet`
-
     Parameters
     ----------
     out

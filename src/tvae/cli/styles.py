@@ -19,12 +19,6 @@ def styles(
 ) -> None:
     """Say in words which styles a run found; with --data, label other sessions.
 
-    Examples:
-
-        tvae styles runs/sessions
-
-        tvae styles runs/sessions --data new.parquet --out labels.parquet
-
     Parameters
     ----------
     data

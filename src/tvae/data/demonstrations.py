@@ -11,9 +11,9 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from tvae.files import appearing
 from tvae.data.growing import GrowingRows
 from tvae.data.trajectory import Attribute, DataError, Trajectory
+from tvae.files import appearing
 from tvae.spaces import FloatArray, IntArray, Space
 
 FORMAT_VERSION = 1

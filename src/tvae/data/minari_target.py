@@ -17,10 +17,10 @@ from minari.namespace import create_namespace, list_local_namespaces
 from numpy.typing import NDArray
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.files import appearing
 from tvae.data.minari_notes import COLUMNS, ENTRY, FINAL_OBSERVED, MinariNotes
 from tvae.data.minari_source import find_minari, is_minari_id, minari_root
 from tvae.data.trajectory import Attribute, DataError, Trajectory
+from tvae.files import appearing
 from tvae.gymnasium_spaces import gymnasium_from_space, space_from_gymnasium, unflatten
 from tvae.spaces import Continuous, FloatArray, Space
 

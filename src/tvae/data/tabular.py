@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 
 from tvae.data.columns import KindError, decode, kinds_by_column
 from tvae.data.demonstrations import Demonstrations
-from tvae.files import appearing
 from tvae.data.ragged import blocks, ranges
 from tvae.data.table_files import METADATA_KEY, is_csv_name, is_parquet_name, read_table_file, schema_path
 from tvae.data.table_rows import examine
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.trajectory import DataError
+from tvae.files import appearing
 from tvae.spaces import FloatArray, IntArray, Space
 
 _BLOCK_STEPS = 1 << 20

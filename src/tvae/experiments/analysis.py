@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
-from sklearn.metrics import adjusted_rand_score
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.likelihood import importance_weighted_bound
-from tvae.evaluate.playstyles import find_playstyles
+from tvae.evaluate.playstyles import find_playstyles, label_agreement, match
 from tvae.evaluate.styles import Playstyles
 from tvae.evaluate.words import describe
 from tvae.experiments.findings import Findings
@@ -37,7 +35,7 @@ def analyse(
     """
     posteriors = encode(model, demonstrations)
     playstyles = find_playstyles(posteriors, seed=config.seed)
-    labels = match(playstyles, demonstrations)
+    labels = names_of(playstyles, demonstrations)
     words = describe(demonstrations, playstyles.assignment)
     findings = Findings(playstyles, labels, words)
     bound = importance_weighted_bound(model, demonstrations, num_samples=SAMPLES_FOR_TABLE, seed=config.seed)
@@ -57,17 +55,17 @@ def analyse(
     return findings
 
 
-def match(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[int, str]:
-    """The label that most episodes of each style carry; where two styles share one, they get no label."""
+def names_of(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[int, str]:
+    """The label that more than half of a style's episodes carry; where two styles share one, they get none."""
     if "label" not in demonstrations.attributes:
         return {}
     labels = demonstrations.attributes["label"].astype(str)
-    most = {
-        style.index: Counter(labels[playstyles.assignment == style.index].tolist()).most_common(1)[0][0]
-        for style in playstyles.styles
+    most = match(playstyles.assignment, labels)
+    return {
+        style: label
+        for style, label in most.items()
+        if list(most.values()).count(label) == 1 and (labels[playstyles.assignment == style] == label).mean() > 0.5
     }
-    counts = Counter(most.values())
-    return {index: label for index, label in most.items() if counts[label] == 1}
 
 
 def _metrics(findings: Findings, demonstrations: Demonstrations) -> dict[str, object]:
@@ -79,7 +77,7 @@ def _metrics(findings: Findings, demonstrations: Demonstrations) -> dict[str, ob
     }
     if "label" in demonstrations.attributes:
         labels = demonstrations.attributes["label"]
-        metrics["ari"] = float(adjusted_rand_score(labels, playstyles.assignment))
+        metrics["ari"] = label_agreement(playstyles.assignment, labels)
     return metrics
 
 

@@ -37,8 +37,8 @@ class Knowledge:
     """(E,) per label: whether each episode succeeds in the style of that label."""
     measures: Callable[[Demonstrations], Measures] = lambda episodes: {}
     """(E,) each: numbers worth reporting about episodes."""
-    draw: Callable[[Axes, Trajectory], None] | None = None
-    """How an episode is drawn; without it, by its signals."""
+    draw: Callable[[Axes, Trajectory, str], None] | None = None
+    """How an episode is drawn in a colour; without it, by its signals."""
 
 
 def knowledge_of(env: str) -> Knowledge:

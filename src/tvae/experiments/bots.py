@@ -9,10 +9,11 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import VectorEnv
 from rich.console import Console
-from scipy.stats import binomtest, bootstrap
+from scipy.stats import binomtest
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
+from tvae.evaluate.likelihood import mean_interval
 from tvae.experiments.arenas import Arena, knowledge_of
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import update_metrics
@@ -22,7 +23,6 @@ from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.decoding import Choice, LatentSource, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import check_spaces, rollout
-from tvae.spaces import FloatArray
 
 _MOST_COPIES = 1000
 _COPIES_OF_SLOW_ENVIRONMENTS = 20
@@ -95,13 +95,5 @@ def try_bots(
             measures = {**knowledge.measures(episodes), "episode_length": episodes.lengths, "return": returns}
             for measure, values in measures.items():
                 found.setdefault(measure, {})[name] = float(np.mean(values))
-                intervals.setdefault(measure, {})[name] = mean_interval(np.asarray(values, dtype=np.float64))
+                intervals.setdefault(measure, {})[name] = list(mean_interval(np.asarray(values, dtype=np.float64)))
     return update_metrics(run, {**found, "ci95": intervals, "test_episodes": arena.episodes})
-
-
-def mean_interval(values: FloatArray) -> list[float]:
-    """95 % interval of a mean, by the bootstrap (BCa; of equal values, that value twice)."""
-    if len(values) < 2 or np.ptp(values) == 0:
-        return [float(values.mean())] * 2
-    found = bootstrap((values,), np.mean, method="percentile", rng=np.random.default_rng(0)).confidence_interval
-    return [float(found.low), float(found.high)]

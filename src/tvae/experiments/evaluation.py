@@ -37,7 +37,7 @@ def compare_without_latent(
     without = importance_weighted_bound(plain, held_out, num_samples=1, seed=seed)
     groups = None if about.config.group is None else held_out.attribute(about.config.group)
     total = paired_difference(with_z.total, without.total, groups=groups)
-    policy = paired_difference(with_z.policy, without.policy, groups=groups)
+    actions = paired_difference(with_z.actions, without.actions, groups=groups)
     return update_metrics(
         run.directory,
         {
@@ -45,7 +45,7 @@ def compare_without_latent(
                 "with_latent": float(with_z.total.mean()),
                 "without_latent": float(without.total.mean()),
                 "difference": {"mean": total.mean, "ci95": list(total.interval)},
-                "difference_policy": {"mean": policy.mean, "ci95": list(policy.interval)},
+                "difference_of_actions": {"mean": actions.mean, "ci95": list(actions.interval)},
                 "episodes": len(held_out),
                 "samples": num_samples,
             }

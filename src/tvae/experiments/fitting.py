@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from tvae.experiments.source import Source
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.fitting import new_model
-from tvae.train.loop import Observer, train
+from tvae.train.loop import Observer, TrainingWarning, train
 from tvae.train.schedules import Piecewise
 
 
@@ -76,10 +77,17 @@ def fit_run(
 ) -> TrajectoryVAE:
     """Train in `run`, from its checkpoint if there is one, and leave weights, history and training metrics."""
     began = time.perf_counter()
-    with watching(config.training.num_steps, run.tensorboard, console) as observer:
+    with (
+        warnings.catch_warnings(record=True, category=TrainingWarning) as warned,
+        watching(config.training.num_steps, run.tensorboard, console) as observer,
+    ):
+        warnings.simplefilter("always", TrainingWarning)
         model, records = trained(
             demonstrations, config, checkpoint=run.checkpoint, device=device, observer=observer
         )
+    words = [str(warning.message) for warning in warned]
+    for sentence in words:
+        console.print(f"Warning: {sentence}", style="yellow", markup=False)
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
     last = records[-1]
@@ -88,6 +96,7 @@ def fit_run(
         {
             "train_seconds": seconds,
             "train_steps": last.step,
+            "warnings": words,
             "nats_per_trajectory": {"training": asdict(last.training), "held_out": asdict(last.held_out)},
         },
     )

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import shlex
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from platform import python_version
 
 import numpy as np
 import pyarrow.parquet as pq
 import torch
+from matplotlib.axes import Axes
 
 import tvae
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import load_demonstrations
+from tvae.data.trajectory import Trajectory
 from tvae.evaluate.styles import Style
 from tvae.experiments.arenas import knowledge_of
 from tvae.experiments.findings import Findings
@@ -72,14 +73,17 @@ def _section(
         episodes = load_demonstrations(run.rollouts(style.index))
         outcomes = knowledge.success(episodes)
         succeeded = outcomes.get(label or style.name, outcomes.get("all"))
+    special = None if knowledge is None else knowledge.draw
     colour = style_colour(style.index)
-    if knowledge is not None and knowledge.draw is not None:
-        draw = partial(knowledge.draw, colour=colour)
-    else:
-        spaces = (demonstrations.observation_space, demonstrations.action_space)
-        draw = partial(
-            draw_trajectory, observation_space=spaces[0], action_space=spaces[1], colour=colour
-        )
+
+    def draw(axes: Axes, episode: Trajectory) -> None:
+        if special is not None:
+            special(axes, episode, colour)
+        else:
+            draw_trajectory(
+                axes, episode, demonstrations.observation_space, demonstrations.action_space, colour
+            )
+
     return StyleSection(
         name=style.name,
         weight=style.weight,

@@ -39,10 +39,15 @@ def pusht(data: Path | None, seed: int) -> Recipe:
         demonstrations=lambda: module.pusht_demonstrations(path),
         config=RunConfig(
             model=ModelConfig(
-                latent_features=4, hidden_features=128, dropout=0.1, window=16, stop=False, action_components=5
+                latent_features=4,
+                hidden_features=128,
+                window=2,
+                stop=False,
+                action_components=5,
+                state_components=5,
             ),
             training=TrainingConfig(
-                num_steps=1_000, batch_size=16, learning_rate=3e-3, kl_points=((0.0, 1.0),), held_out=0.15
+                num_steps=3_000, batch_size=32, learning_rate=3e-3, patience=15, held_out=0.15
             ),
             seed=seed,
         ),

@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import matplotlib
@@ -16,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tvae.figures.palette import INK, MUTED, PAPER
+from tvae.files import appearing
 
 TEXT_SIZE = 8.0
 SMALL_TEXT_SIZE = 7.0
@@ -41,13 +41,11 @@ def plain_axes(axes: Axes, *, title: str = "", x: str = "", y: str = "") -> Axes
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write `path` + `.png` and `path` + `.svg`, under temporary names first; equal figures, equal bytes.
+    """Write `path` + `.png` and `path` + `.svg`; equal figures give equal bytes.
 
     A dot in the name stays: `world_0.2` becomes `world_0.2.png` and `world_0.2.svg`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context({"svg.hashsalt": "tvae"}):
         for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
-            partial = path.with_name(f"{path.name}.{suffix}.partial")
-            figure.savefig(partial, format=suffix, dpi=200, metadata=metadata)
-            os.replace(partial, path.with_name(f"{path.name}.{suffix}"))
+            with appearing(path.with_name(f"{path.name}.{suffix}"), overwrite=True) as partial:
+                figure.savefig(partial, format=suffix, dpi=200, metadata=metadata)

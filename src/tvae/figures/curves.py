@@ -71,4 +71,4 @@ def _leave_out_the_start(axes: Axes, curves: FloatArray) -> None:
     if np.ptp(curves) > 4 * (high - low) > 0:
         margin = 0.06 * (high - low)
         axes.set_ylim(low - margin, high + margin)
-        axes.text(0.03, 0.02, "starts off the scale", transform=axes.transAxes, size=6, color=MUTED)
+        axes.text(0.03, 0.9, "starts off the scale", transform=axes.transAxes, size=6, color=MUTED)

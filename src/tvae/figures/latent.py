@@ -128,7 +128,7 @@ def _draw_deviations(axes: Axes, plane: LatentPlane, deviations: FloatArray, ass
             offsets=plane.points,
             offset_transform=axes.transData,
             facecolors=[style_colour(int(style)) for style in assignment],
-            alpha=0.08,
+            alpha=min(0.08, 8 / len(deviations)),
             linewidths=0,
         )
     )

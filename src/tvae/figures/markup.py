@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.backend_bases import GraphicsContextBase, RendererBase
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -31,10 +33,11 @@ _COMMANDS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: 
 _ANCHORS = {"left": "start", "center": "middle", "right": "end"}
 
 
-def to_markup(figure: Figure, label: str) -> str:
-    """The figure as one `<svg>` element with `label` for those who do not see it. Coordinates are points.
+def to_markup(figure: Figure, label: str, only: Sequence[Artist] | None = None) -> str:
+    """The figure, or `only` these artists of it, as one `<svg>` element whose coordinates are points.
 
-    The page's background shows through. Filled shapes are not clipped to their axes.
+    `label` says in words what it shows; an empty one hides it from those who listen. The page's background
+    shows through. Filled shapes are not cut where their axes end.
 
     >>> from tvae.figures.canvas import new_figure
     >>> figure = new_figure(1, 1)
@@ -42,13 +45,16 @@ def to_markup(figure: Figure, label: str) -> str:
     >>> to_markup(figure, 'a "sum"')[:77]
     '<svg viewBox="0 0 72 72" role="img" aria-label="a &quot;sum&quot;"><text x="3'
     """
-    figure.set_dpi(72)
+    if figure.dpi != 72:
+        figure.set_dpi(72)
     figure.patch.set_visible(False)
     width, height = (float(size) for size in figure.bbox.size)
     renderer = _Renderer(width, height)
-    figure.draw(renderer)
+    for artist in [figure] if only is None else sorted(only, key=Artist.get_zorder):
+        artist.draw(renderer)
     shapes = "".join(renderer.shapes)
-    return f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(label)}">{shapes}</svg>'
+    role = f'role="img" aria-label="{escape(label)}"' if label else 'aria-hidden="true"'
+    return f'<svg viewBox="0 0 {width:g} {height:g}" {role}>{shapes}</svg>'
 
 
 def _colour(rgba: Any) -> str:
@@ -99,22 +105,18 @@ class _Renderer(RendererBase):
                 properties.append(f"stroke-opacity:{alpha:.2g}")
             dashes = gc.get_dashes()[1]
             if dashes is not None:
-                properties.append(
-                    "stroke-dasharray:" + " ".join(_number(d) for d in np.asarray(dashes, float))
-                )
+                properties.append("stroke-dasharray:" + " ".join(_number(d) for d in np.asarray(dashes, float)))
         return ";".join(properties)
 
     def _add(self, outline: str, gc: GraphicsContextBase, face: Any) -> None:
         if outline:
             self.shapes.append(f'<path style="{self._style(gc, face)}" d="{outline}"/>')
 
-    def draw_path(
-        self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None
-    ) -> None:
+    def draw_path(self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None) -> None:
         face = rgbFace if rgbFace is not None and (len(rgbFace) < 4 or rgbFace[3] > 0) else None
         self._add(self._outline(path, transform, gc, filled=face is not None), gc, face)
 
-    def draw_markers(  # noqa: PLR0917
+    def draw_markers(
         self,
         gc: GraphicsContextBase,
         marker_path: Path,
@@ -138,7 +140,7 @@ class _Renderer(RendererBase):
         place = f'x="{_number(x)}" y="{_number(self.size[1] - y - rows)}" width="{columns}" height="{rows}"'
         self.shapes.append(f'<image {place} href="data:image/png;base64,{data}"/>')
 
-    def draw_text(  # noqa: PLR0917
+    def draw_text(
         self,
         gc: GraphicsContextBase,
         x: float,

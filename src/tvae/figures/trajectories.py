@@ -24,7 +24,7 @@ from tvae.figures.palette import ALERT, INK, MUTED, PAPER
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
 Draw: TypeAlias = Callable[[Axes, Trajectory], None]
-"""Draws one episode on empty axes."""
+"""Draws one episode on axes, which may hold others already."""
 
 _PLACE = re.compile(r"(?P<head>.*[._/ -])?(?P<axis>[xy])(?P<tail>[._/ -].*)?", re.IGNORECASE)
 _NO_PLACE = {"velocity", "vel", "speed", "delta", "force", "acceleration", "acc", "orientation", "direction"}
@@ -112,15 +112,11 @@ def draw_trajectory(
         draw_events(axes, at, marker=marker, label=action_space.names[column])
 
 
-def draw_path(
-    axes: Axes, path: FloatArray, colour: str, *, linestyle: LineStyleType = "-", label: str = ""
-) -> None:
+def draw_path(axes: Axes, path: FloatArray, colour: str, *, linestyle: LineStyleType = "-", label: str = "") -> None:
     """A path (N, 2): a line from an open circle to a full one."""
     axes.plot(*path.T, color=colour, linewidth=1.1, linestyle=linestyle, label=label)
     for name, end, face in (("start", path[:1], PAPER), ("end", path[-1:], colour)):
-        axes.plot(
-            *end.T, "o", color=colour, markersize=3.6, markerfacecolor=face, markeredgewidth=0.9, label=name
-        )
+        axes.plot(*end.T, "o", color=colour, markersize=3.6, markerfacecolor=face, markeredgewidth=0.9, label=name)
 
 
 def draw_events(axes: Axes, at: FloatArray, *, marker: str = "x", label: str = "") -> None:
@@ -129,9 +125,7 @@ def draw_events(axes: Axes, at: FloatArray, *, marker: str = "x", label: str = "
         axes.plot(*at.T, marker, markersize=5, color=INK, markeredgewidth=1.3, label=label)
 
 
-def _draw_lanes(
-    axes: Axes, trajectory: Trajectory, observation_space: Space, action_space: Space, colour: str
-) -> None:
+def _draw_lanes(axes: Axes, trajectory: Trajectory, observation_space: Space, action_space: Space, colour: str) -> None:
     """A lane for each signal that varies, the first `_MOST_LANES` of them, observations before actions."""
     lanes = [
         (signal, _numbers(space, rows, column), shade)
@@ -203,10 +197,7 @@ def grid(
 
 
 def share_limits(cells: Sequence[Axes]) -> None:
-    """Give axes that have chosen no limits of their own those that show the data of all of them.
-
-    Places in a plane get a square, so that every cell has the same shape.
-    """
+    """Give axes whose limits nobody chose those that show the data of all of them; a plane gets a square."""
     free = [axes for axes in cells if np.isfinite(axes.dataLim.get_points()).all()]
     if not free:
         return
@@ -217,6 +208,6 @@ def share_limits(cells: Sequence[Axes]) -> None:
             width = height = max(width, height)
         horizontal, vertical = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
         if axes.get_autoscalex_on():
-            axes.set_xlim(horizontal - 0.54 * width, horizontal + 0.54 * width)
+            axes.set_xbound(horizontal - 0.54 * width, horizontal + 0.54 * width)
         if axes.get_autoscaley_on():
-            axes.set_ylim(vertical - 0.54 * height, vertical + 0.54 * height)
+            axes.set_ybound(vertical - 0.54 * height, vertical + 0.54 * height)

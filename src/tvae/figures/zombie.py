@@ -44,9 +44,10 @@ def draw_zombie(axes: Axes, trajectory: Trajectory, colour: str = STYLE_COLOURS[
     """
     agent, zombie = zombie_paths(trajectory.observations)
     axes.set_aspect("equal")
-    for (x, y), radius, line in ((_GOAL, _GOAL_RADIUS, "-"), (zombie[-1], _ZOMBIE_RANGE, ":")):
-        axes.add_patch(Circle((x, y), radius, fill=False, edgecolor=MUTED, linestyle=line, linewidth=0.8))
-    axes.text(_GOAL[0], _GOAL[1], "goal", size=5.5, color=MUTED, ha="center", va="center")
+    circles = (("goal", _GOAL, _GOAL_RADIUS, "-"), ("the zombie's range", zombie[-1], _ZOMBIE_RANGE, ":"))
+    for name, (x, y), radius, line in circles:
+        circle = Circle((x, y), radius, fill=False, edgecolor=MUTED, linestyle=line, linewidth=0.8, label=name)
+        axes.add_patch(circle)
     draw_path(axes, zombie, MUTED, linestyle=(0, (1, 1.5)), label="zombie")
     draw_path(axes, agent, colour, label="agent")
     draw_events(axes, agent[: len(trajectory)][trajectory.actions[:, 0] == 1], label="attack")

@@ -20,13 +20,15 @@ Memory: TypeAlias = tuple[Tensor, Tensor]
 class RecurrentTrunk(nn.Module):
     """h_t from s_{1:t} and z; the recurrent state starts at zero, so z is all that is known of the past.
 
-    The present input [s_t; z] joins the LSTM's output in one further layer, so that reacting to what is seen now
-    needs no detour through memory.
+    The present input [s_t; z] joins the LSTM's output in one further layer, and joins that layer's output too, so
+    that reacting to what is seen now needs no detour through memory, and following it ("go where it is") is linear.
+    Dropout touches what is remembered and mixed, never the present input: who cannot see clearly cannot steer.
     """
 
     def __init__(self, state_features: int, latent_features: int, hidden_features: int, dropout: float) -> None:
         super().__init__()
         in_features = state_features + latent_features
+        self.num_features = hidden_features + in_features
         self.dropout = nn.Dropout(dropout)
         self.recurrent = nn.LSTM(in_features, hidden_features, batch_first=True)
         self.mix = nn.Linear(in_features + hidden_features, hidden_features)
@@ -35,10 +37,10 @@ class RecurrentTrunk(nn.Module):
         self, states: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
     ) -> tuple[Float[Tensor, "B T H"], Memory]:
         """Features (B, T, H) after each state, and the memory behind the last one."""
-        inputs = torch.cat([self.dropout(states), z[:, None].expand(-1, states.shape[1], -1)], dim=-1)
+        inputs = torch.cat([states, z[:, None].expand(-1, states.shape[1], -1)], dim=-1)
         remembered, memory = self.recurrent(inputs, memory)
-        mixed = torch.nn.functional.silu(self.mix(torch.cat([inputs, remembered], dim=-1)))
-        return self.dropout(mixed), memory
+        mixed = torch.nn.functional.silu(self.mix(torch.cat([inputs, self.dropout(remembered)], dim=-1)))
+        return torch.cat([self.dropout(mixed), inputs], dim=-1), memory
 
 
 class Endless(nn.Module):
@@ -64,8 +66,8 @@ class StateDecoder(nn.Module):
     ) -> None:
         super().__init__()
         self.trunk = RecurrentTrunk(space.num_features, latent_features, hidden_features, dropout)
-        self.head = Head(space, hidden_features, floor=floor, num_components=num_components)
-        self.stop = nn.Linear(hidden_features, 1) if stop else Endless()
+        self.head = Head(space, self.trunk.num_features, floor=floor, num_components=num_components)
+        self.stop = nn.Linear(self.trunk.num_features, 1) if stop else Endless()
 
     def forward(
         self,
@@ -97,7 +99,7 @@ class PolicyDecoder(nn.Module):
     ) -> None:
         super().__init__()
         self.trunk = RecurrentTrunk(state_features, latent_features, hidden_features, dropout)
-        self.head = Head(action_space, hidden_features, floor=floor, num_components=num_components)
+        self.head = Head(action_space, self.trunk.num_features, floor=floor, num_components=num_components)
 
     def forward(self, states: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"]) -> RowDistribution:
         """The law of each action's values."""

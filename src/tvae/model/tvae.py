@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.errors import TvaeError
+from tvae.files import appearing
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
@@ -48,10 +48,11 @@ class TrajectoryVAE(nn.Module):
         observation_space, action_space: what rows are made of.
         latent_features: Z; 0 gives the same model without a latent.
         hidden_features: H of every recurrent net.
-        dropout: probability with which an input or a feature is dropped in training.
+        dropout: probability with which a feature inside a network is dropped in training.
         window: the most past states that a decoder sees; None for all of them.
         stop: whether the end of an episode is modelled, p(end_t | s_1:t, z).
         action_components: K > 1 gives actions a mixture of K laws.
+        state_components: K > 1 gives next states a mixture of K laws, for worlds that mostly rest and then leap.
         prior_components: K > 1 gives z a learned mixture of K Gaussians as its prior.
         state_floor: smallest standard deviation of a next state, in typical one-step changes.
         action_floor: smallest standard deviation of an action, in its own standard deviations (angles: radians).
@@ -75,6 +76,7 @@ class TrajectoryVAE(nn.Module):
         window: int | None = None,
         stop: bool = True,
         action_components: int = 1,
+        state_components: int = 1,
         prior_components: int = 1,
         state_floor: float = 0.1,
         action_floor: float = 0.02,
@@ -96,6 +98,7 @@ class TrajectoryVAE(nn.Module):
             "window": window,
             "stop": stop,
             "action_components": action_components,
+            "state_components": state_components,
             "prior_components": prior_components,
             "state_floor": state_floor,
             "action_floor": action_floor,
@@ -112,7 +115,13 @@ class TrajectoryVAE(nn.Module):
             else GaussianMixture(latent_features, prior_components)
         )
         self.state_decoder = StateDecoder(
-            observation_space, latent_features, hidden_features, floor=state_floor, stop=stop, dropout=dropout
+            observation_space,
+            latent_features,
+            hidden_features,
+            floor=state_floor,
+            stop=stop,
+            dropout=dropout,
+            num_components=state_components,
         )
         self.policy_decoder = PolicyDecoder(
             states,
@@ -171,16 +180,14 @@ class TrajectoryVAE(nn.Module):
         """Write `model.safetensors` and `config.json` into `directory`; each appears only when whole."""
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        partial = directory / "config.json.partial"
-        partial.write_text(json.dumps(self.description(), indent=2), encoding="utf-8")
-        self.save_weights(directory / "model.safetensors")
-        os.replace(partial, directory / "config.json")
+        with appearing(directory / "config.json", overwrite=True) as partial:
+            partial.write_text(json.dumps(self.description(), indent=2), encoding="utf-8")
+            self.save_weights(directory / "model.safetensors")
 
     def save_weights(self, path: Path) -> None:
-        """Write the weights under a temporary name, then rename."""
-        partial = path.with_name(path.name + ".partial")
-        save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
-        os.replace(partial, path)
+        """Write the weights as safetensors, whole or not at all."""
+        with appearing(path, overwrite=True) as partial:
+            save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
 
     @classmethod
     def load(cls, directory: str | Path) -> TrajectoryVAE:

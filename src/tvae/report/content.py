@@ -39,9 +39,7 @@ class StyleSection:
     def __post_init__(self) -> None:
         episodes = 0 if self.test_episodes is None else len(self.test_episodes)
         if self.succeeded is not None and len(self.succeeded) != episodes:
-            raise ValueError(
-                f"{self.name}: {episodes} test episodes need as many outcomes, got {len(self.succeeded)}"
-            )
+            raise ValueError(f"{self.name}: {episodes} test episodes need as many outcomes, got {len(self.succeeded)}")
 
 
 @dataclass(frozen=True, eq=False)

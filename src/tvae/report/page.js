@@ -1,7 +1,7 @@
 "use strict";
 // The points of the latent space open: hover names an episode, a click or the arrow keys show it.
 (() => {
-  const { styles, episodes } = JSON.parse(document.getElementById("episodes").textContent);
+  const { styles, episodes, first } = JSON.parse(document.getElementById("episodes").textContent);
   const [map, tip, panel, hint] = ["map", "tip", "episode", "hint"].map((id) => document.getElementById(id));
   const svg = map.querySelector("svg");
   const reach = 14; // how far from a point, in the picture's units, still means that point
@@ -91,5 +91,5 @@
   map.tabIndex = 0;
   map.setAttribute("role", "group");
   panel.hidden = hint.hidden = false;
-  show(order[Math.floor(order.length / 2)]);
+  show(first);
 })();

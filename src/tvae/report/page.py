@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import os
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +11,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tvae.figures.palette import STYLE_COLOURS
+from tvae.files import appearing
 from tvae.report.content import ReportContent
+from tvae.report.tables import number
 from tvae.report.views import view
 
 
@@ -25,6 +26,7 @@ def render(content: ReportContent) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["number"] = number
     script = _resource("page.js")
     return environment.get_template("page.html").render(
         content=content,
@@ -37,10 +39,9 @@ def render(content: ReportContent) -> str:
 
 
 def write(content: ReportContent, path: Path) -> None:
-    """Write the page under a temporary name beside `path`, then rename it."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(render(content), encoding="utf-8")
-    os.replace(partial, path)
+    """Write the page, whole or not at all."""
+    with appearing(path, overwrite=True) as partial:
+        partial.write_text(render(content), encoding="utf-8")
 
 
 def _resource(name: str) -> str:

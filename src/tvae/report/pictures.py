@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Ellipse
 from numpy.typing import NDArray
 
 from tvae.data.trajectory import Trajectory
-from tvae.figures.canvas import SMALL_TEXT_SIZE
 from tvae.figures.latent import latent_plane, latent_space
 from tvae.figures.markup import to_markup
-from tvae.figures.palette import INK, PAPER, style_colour, style_marker
+from tvae.figures.palette import PAPER, style_colour, style_marker
 from tvae.figures.trajectories import Draw, share_limits
 from tvae.spaces import FloatArray, IntArray
 
@@ -24,58 +25,81 @@ _SIDE = 1.9
 
 @dataclass(frozen=True)
 class Sketches:
-    """Pictures of episodes at the same scale."""
+    """Pictures of episodes at the same scale, as SVG elements."""
 
     pictures: tuple[str, ...]
-    """SVG elements."""
-    key: str
-    """An SVG element that says what the lines and marks mean; empty where the pictures say it themselves."""
+    keys: Mapping[Draw, tuple[Entry, ...]]
+    """What the lines, marks and circles of each way to draw mean, as far as they have labels."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of a key."""
+
+    sample: str
+    """An SVG element."""
+    name: str
 
 
 def sketch(episodes: Sequence[tuple[Trajectory, Draw, str]]) -> Sketches:
-    """Pictures of trajectories, each with the function that draws it and a label in words."""
-    cells: list[Axes] = []
-    figures = [Figure((_SIDE, _SIDE)) for _ in episodes]
-    for figure, (trajectory, draw, _) in zip(figures, episodes, strict=True):
-        cells.append(figure.add_axes((0, 0, 1, 1)))
-        draw(cells[-1], trajectory)
-        cells[-1].set_axis_off()
-    share_limits(cells)
-    pictures = [to_markup(figure, label) for figure, (_, _, label) in zip(figures, episodes, strict=True)]
-    return Sketches(tuple(pictures), _key(cells))
+    """Pictures of trajectories, each with the function that draws it and a label in words.
 
-
-def _key(cells: Sequence[Axes]) -> str:
-    """The labelled lines of all cells, each label once."""
-    handles = {line.get_label(): line for axes in cells for line in axes.lines[::-1]}
-    named = {label: line for label, line in handles.items() if label and not str(label).startswith("_")}
-    if not named:
-        return ""
-    figure = Figure((0.85 * len(named), 0.22))
-    legend = figure.legend(
-        list(named.values()),
-        [str(label) for label in named],
-        loc="center left",
-        bbox_to_anchor=(0, 0.5),
-        ncols=len(named),
-        frameon=False,
-        fontsize=SMALL_TEXT_SIZE,
-        labelcolor=INK,
-        borderpad=0,
-        columnspacing=1.5,
+    All are drawn on the same axes, whose limits then fit all, and taken from there one by one: making axes
+    for each would take most of the time.
+    """
+    figure = Figure((_SIDE, _SIDE), dpi=72)
+    axes = figure.add_axes((0, 0, 1, 1))
+    drawn: list[list[Artist]] = []
+    for trajectory, draw, _ in episodes:
+        before = set(axes.get_children())
+        axes.xaxis.set_inverted(False)
+        axes.yaxis.set_inverted(False)
+        draw(axes, trajectory)
+        drawn.append([artist for artist in axes.get_children() if artist not in before])
+    share_limits([axes])
+    axes.apply_aspect()
+    named: dict[Draw, dict[str, Artist]] = {}
+    for artists, (_, draw, _) in zip(drawn, episodes, strict=True):
+        labels = ((str(artist.get_label()), artist) for artist in artists)
+        named.setdefault(draw, {}).update({k: v for k, v in labels if k and not k.startswith("_")})
+    return Sketches(
+        tuple(to_markup(figure, label, only) for only, (_, _, label) in zip(drawn, episodes, strict=True)),
+        {draw: _key(artists) for draw, artists in named.items()},
     )
-    for text in legend.get_texts():
-        text.set_parse_math(False)
-    return to_markup(figure, "Key to the pictures: " + ", ".join(str(label) for label in named))
 
 
-def glyph(style: int, name: str) -> str:
+def _key(named: Mapping[str, Artist]) -> tuple[Entry, ...]:
+    """Samples of the lines, circles and marks: paths first, else in the order in which they were drawn."""
+    entries = []
+    for name, artist in sorted(named.items(), key=lambda item: not _is_path(item[1])):
+        figure = Figure((0.3, 0.18), dpi=72)
+        sample: Line2D | Ellipse
+        if isinstance(artist, Line2D):
+            across = [0.0, 1.0] if _is_path(artist) else [0.5]
+            sample = Line2D(across, [0.5] * len(across))
+        elif isinstance(artist, Circle):
+            sample = Ellipse((0.5, 0.5), 0.48, 0.8)
+        else:
+            continue
+        sample.update_from(artist)
+        sample.set_clip_path(None)
+        sample.set_transform(figure.transFigure)
+        figure.add_artist(sample)
+        entries.append(Entry(to_markup(figure, ""), name))
+    return tuple(entries)
+
+
+def _is_path(artist: Artist) -> bool:
+    return isinstance(artist, Line2D) and artist.get_linestyle() != "None"
+
+
+def glyph(style: int) -> str:
     """The style's marker in its colour, as an SVG element."""
     figure = Figure((0.2, 0.2))
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     axes.plot(0.5, 0.5, style_marker(style), color=style_colour(style), markersize=10, markeredgecolor=PAPER)
-    return to_markup(figure, f"marker of {name}")
+    return to_markup(figure, "")
 
 
 @dataclass(frozen=True)

@@ -75,12 +75,12 @@ def number(value: Any) -> str:
 
 
 def percent(value: float) -> str:
-    """A share in percent, with one decimal unless it is a whole number.
+    """A share in percent, with one decimal unless it is a whole number, never broken over two lines.
 
     >>> percent(0.9733), percent(1.0)
-    ('97.3 %', '100 %')
+    ('97.3\\xa0%', '100\\xa0%')
     """
-    return f"{100 * value:.1f}".removesuffix(".0") + " %"
+    return f"{100 * value:.1f}".removesuffix(".0") + "\N{NO-BREAK SPACE}%"
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,7 @@ def metric_rows(metrics: Mapping[str, Any], path: tuple[str, ...] = ()) -> Itera
         found = measured(value)
         if found is not None and found.interval is not None:
             low, high = found.interval
-            yield MetricRow(
-                (*path, name), number(found.mean), f"{number(low)} to {number(high)}", found.basis
-            )
+            yield MetricRow((*path, name), number(found.mean), f"{number(low)} to {number(high)}", found.basis)
         elif isinstance(value, Mapping):
             yield from metric_rows(value, (*path, name))
         elif (

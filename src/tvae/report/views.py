@@ -11,17 +11,18 @@ from markupsafe import Markup
 
 from tvae.figures.curves import training_curves
 from tvae.figures.markup import to_markup
+from tvae.figures.trajectories import Draw
 from tvae.report.content import ReportContent, StyleSection
-from tvae.report.pictures import Sketches, glyph, in_proportion, latent_map, sketch, spread
+from tvae.report.pictures import Entry, Sketches, glyph, in_proportion, latent_map, sketch, spread
 from tvae.report.tables import Measured, MetricRow, measured, metric_rows, number, percent, share
 from tvae.spaces import IntArray, describe
 
 _MOST_EPISODES = 300
 """How many episodes open in the latent space."""
-_MOST_BYTES = 1_200_000
+_MOST_BYTES = 900_000
 """How much their pictures may weigh together."""
-_TEST_EPISODES = 24
-"""How many of a style's test episodes are shown."""
+_ROW = 6
+"""How many pictures stand in a row of a wide page."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Cell:
     """A picture of an episode with its caption."""
 
     picture: Markup
-    caption: str
+    caption: str = ""
     failed: bool = False
 
 
@@ -51,12 +52,14 @@ class Card:
     name: str
     glyph: Markup
     share: str
+    width: str
+    """The share in CSS."""
     sentences: tuple[str, ...]
     prototypes: tuple[Cell, ...]
     tests: tuple[Cell, ...]
     outcome: str
     """How the test episodes went; empty if nobody judged them."""
-    key: Markup
+    key: tuple[Entry, ...]
     """Explains the pictures."""
 
 
@@ -93,11 +96,9 @@ def view(content: ReportContent) -> View:
     demonstrations = content.demonstrations
     return View(
         tiles=_tiles(content),
-        cards=_cards(content, pictures),
+        cards=_cards(content, pictures, sketches.keys),
         explorer=_explorer(content, pictures, always) if latent else None,
-        curves=Markup(to_markup(training_curves(content.records), "Training curves"))
-        if content.records
-        else None,
+        curves=Markup(to_markup(training_curves(content.records), "Training curves")) if content.records else None,
         signals=tuple(
             (role, signal.name, describe(signal))
             for role, space in (
@@ -107,9 +108,7 @@ def view(content: ReportContent) -> View:
             for signal in space.signals
         ),
         metrics=tuple(metric_rows(content.metrics)),
-        config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str)
-        if content.config
-        else "",
+        config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str) if content.config else "",
     )
 
 
@@ -130,9 +129,9 @@ def _success(content: ReportContent, style: StyleSection) -> Measured | None:
 
 def _interval(found: Measured) -> str:
     if found.interval is None:
-        return found.basis
+        return ""
     low, high = found.interval
-    return f"95 % interval {percent(low)} to {percent(high)}, {found.basis}"
+    return f"{percent(0.95)} interval {percent(low)} to {percent(high)}"
 
 
 def _tiles(content: ReportContent) -> tuple[Tile, ...]:
@@ -145,7 +144,8 @@ def _tiles(content: ReportContent) -> tuple[Tile, ...]:
     for index, style in enumerate(content.styles):
         found = _success(content, style)
         if found is not None:
-            tiles.append(Tile(percent(found.mean), f"success of {_title(style)}", _interval(found), index))
+            detail = ", ".join(part for part in (_interval(found), found.basis) if part)
+            tiles.append(Tile(percent(found.mean), f"success of {_title(style)}", detail, index))
     demonstrations = content.demonstrations
     steps = f"{demonstrations.num_steps:,} steps"
     return (*tiles, Tile(f"{len(demonstrations):,}", "demonstrations", steps))
@@ -161,11 +161,14 @@ def _sketch_demonstrations(content: ReportContent, chosen: IntArray) -> Sketches
     )
 
 
-def _cards(content: ReportContent, pictures: Mapping[int, str]) -> tuple[Card, ...]:
-    tests = [_tests(style) for style in content.styles]
+def _cards(
+    content: ReportContent, pictures: Mapping[int, str], keys: Mapping[Draw, tuple[Entry, ...]]
+) -> tuple[Card, ...]:
+    rows = max(1, min(4, 16 // len(content.styles)))
+    tests = [_tests(style, _ROW * rows) for style in content.styles]
     sketches = sketch(
         [
-            (style.test_episodes[position], style.draw, f"{_title(style)}, test episode {position}")
+            (style.test_episodes[position], style.draw, f"{_title(style)}, test episode {position + 1}")
             for style, positions in zip(content.styles, tests, strict=True)
             for position in positions
             if style.test_episodes is not None
@@ -176,48 +179,48 @@ def _cards(content: ReportContent, pictures: Mapping[int, str]) -> tuple[Card, .
         Card(
             title=_title(style),
             name=style.name,
-            glyph=Markup(glyph(index, _title(style))),
+            glyph=Markup(glyph(index)),
             share=percent(style.weight),
+            width=f"{100 * style.weight:.4g}%",
             sentences=style.sentences,
             prototypes=tuple(
-                Cell(Markup(pictures[position]), content.episode_ids[position])
-                for position in style.prototypes
+                Cell(Markup(pictures[position]), content.episode_ids[position]) for position in style.prototypes
             ),
             tests=tuple(_test_cell(style, position, next(played)) for position in positions),
             outcome=_outcome(style, len(positions)),
-            key=Markup(_key(content, style)),
+            key=_union(keys.get(style.draw, ()), sketches.keys.get(style.draw, ())),
         )
         for index, (style, positions) in enumerate(zip(content.styles, tests, strict=True))
     )
 
 
-def _key(content: ReportContent, style: StyleSection) -> str:
-    shown = [content.demonstrations[position] for position in style.prototypes]
-    shown += [] if style.test_episodes is None else [style.test_episodes[p] for p in _tests(style)]
-    return sketch([(trajectory, style.draw, "") for trajectory in shown]).key
+def _union(first: Sequence[Entry], second: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Each name once: a bot may do what no demonstration did."""
+    return tuple({entry.name: entry for entry in (*first, *second)}.values())
 
 
-def _tests(style: StyleSection) -> list[int]:
-    """Positions of the test episodes that are shown."""
+def _tests(style: StyleSection, count: int) -> list[int]:
+    """Positions of at most `count` test episodes to show."""
     if style.test_episodes is None:
         return []
     unjudged = np.ones(len(style.test_episodes), dtype=np.bool_)
     outcomes = unjudged if style.succeeded is None else style.succeeded
-    return [int(position) for position in in_proportion(outcomes, _TEST_EPISODES)]
+    return [int(position) for position in in_proportion(outcomes, count)]
 
 
 def _test_cell(style: StyleSection, position: int, picture: str) -> Cell:
     if style.succeeded is None:
-        return Cell(Markup(picture), f"episode {position}")
+        return Cell(Markup(picture))
     failed = not style.succeeded[position]
-    return Cell(Markup(picture), "failed" if failed else "succeeded", failed)
+    return Cell(Markup(picture), "failed" if failed else "", failed)
 
 
 def _outcome(style: StyleSection, num_shown: int) -> str:
     if style.succeeded is None or not num_shown:
         return ""
     total, successes = len(style.succeeded), int(style.succeeded.sum())
-    words = f"{successes:,} of {total:,} episodes succeeded ({_interval(share(successes, total))})."
+    found = share(successes, total)
+    words = f"{percent(found.mean)} succeeded, {successes:,} of {total:,} episodes ({_interval(found)})."
     if num_shown < total:
         words += f" Shown are {num_shown}, failures in their true proportion, at least one if there is any."
     return words
@@ -244,7 +247,6 @@ def _explorer(content: ReportContent, pictures: Mapping[int, str], always: Seque
         for position, place in zip(chosen, latent.places, strict=True)
     ]
     total = len(content.demonstrations)
-    caption = (
-        f"{len(chosen):,} of {total:,} episodes, evenly from every style." if len(chosen) < total else ""
-    )
-    return Explorer(Markup(latent.picture), {"styles": names, "episodes": episodes}, caption)
+    caption = f"{len(chosen):,} of {total:,} episodes, evenly from every style." if len(chosen) < total else ""
+    first = int(np.searchsorted(chosen, always[0])) if always else 0
+    return Explorer(Markup(latent.picture), {"styles": names, "episodes": episodes, "first": first}, caption)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from tvae.errors import TvaeError
+from tvae.files import appearing
 
 SCHEMA_VERSION = 2
 
@@ -89,9 +89,8 @@ def write_checkpoint(
         "settings": json.dumps({name: str(value) for name, value in settings.items()}),
         "progress": json.dumps(asdict(progress)),
     }
-    partial = path.with_name(path.name + ".partial")
-    save_file(whole, partial, metadata)
-    os.replace(partial, path)
+    with appearing(path, overwrite=True) as partial:
+        save_file(whole, partial, metadata)
 
 
 def read_checkpoint(

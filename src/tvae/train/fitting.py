@@ -23,6 +23,7 @@ def fit(
     window: int | None = None,
     stop: bool = False,
     action_components: int = 1,
+    state_components: int = 1,
     prior_components: int = 1,
     schedule: KLSchedule = RAISED_LATE,
     num_steps: int = 3_000,
@@ -54,6 +55,7 @@ def fit(
         window=window,
         stop=stop,
         action_components=action_components,
+        state_components=state_components,
         prior_components=prior_components,
     )
     train(

@@ -1,0 +1,245 @@
+"""The command line as a user meets it: a small run from beginning to end, and what bad input says."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from safetensors.torch import load_file
+
+import tvae
+from tvae.cli import main
+from tvae.envs.zombie import zombie_demonstrations
+
+SMALL = ["--training.num-steps", "30", "--training.evaluate-every", "10", "--model.hidden-features", "8"]
+
+
+def call(*arguments: str | Path) -> None:
+    main([str(argument) for argument in arguments])
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """What the command says when it refuses, on one line."""
+    with pytest.raises(SystemExit) as stopped:
+        call(*arguments)
+    assert stopped.value.code == 2
+    return capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "zombie.parquet"
+    tvae.save_demonstrations(zombie_demonstrations(80), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(table: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "zombie"
+    where = ["--env", "tvae/ZombieAttack-v0", "--episodes", "12"]
+    call("fit", table, "--out", out, "--seed", "3", "--device", "cpu", *where, *SMALL)
+    return out
+
+
+def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
+    for name in (
+        "config.json",
+        "model.safetensors",
+        "playstyles.json",
+        "styles.parquet",
+        "metrics.json",
+        "history.json",
+        "report.html",
+        "checkpoint.safetensors",
+        "tensorboard",
+        "rollouts/style-0.parquet",
+    ):
+        assert (run / name).exists(), name
+    assert not list(run.rglob("*.partial"))
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert metrics["playstyles"]["num_found"] >= 1
+    assert metrics["train_seconds"] > 0
+    assert metrics["test_episodes"] == 12
+    config = json.loads((run / "config.json").read_text())
+    assert config["schema_version"] == 1
+    assert config["run"]["config"]["training"]["num_steps"] == 30
+    assert config["run"]["config"]["seed"] == 3
+
+
+def test_the_styles_table_has_one_row_per_episode(run: Path) -> None:
+    styles = pq.read_table(run / "styles.parquet")
+    assert styles.column_names == ["episode", "style", "probability", "z_0", "z_1", "log_likelihood_per_step"]
+    assert styles["episode"].to_pylist() == list(range(80))
+    assert np.isfinite(styles["log_likelihood_per_step"].to_numpy()).all()
+
+
+def test_training_never_sees_the_labels(table: Path, run: Path, tmp_path: Path) -> None:
+    demonstrations = tvae.load_demonstrations(table)
+    shuffled = np.random.default_rng(0).permutation(demonstrations.attributes["label"])
+    tvae.save_demonstrations(demonstrations.with_attributes({"label": shuffled}), tmp_path / "other.parquet")
+    call("fit", tmp_path / "other.parquet", "--out", tmp_path / "run", "--seed", "3", "--device", "cpu", *SMALL)
+    mine, other = (load_file(path / "model.safetensors") for path in (run, tmp_path / "run"))
+    assert all((mine[name] == other[name]).all() for name in mine)
+
+
+def test_verbs_work_on_a_finished_run(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call("styles", run, "--data", table, "--out", tmp_path / "labels.parquet")
+    assert "what sets it apart" in capsys.readouterr().out
+    assert len(pq.read_table(tmp_path / "labels.parquet")) == 80
+    call("generate", run, "--episodes", "5", "--out", tmp_path / "imagined.csv")
+    assert len(tvae.load_demonstrations(tmp_path / "imagined.csv")) == 5
+    call("rollout", run, "--episodes", "7", "--most-likely", "--window", "3", "--out", tmp_path / "bot.parquet")
+    acted = tvae.load_demonstrations(tmp_path / "bot.parquet")
+    assert len(acted) == 7
+    assert acted.action_space == tvae.load_demonstrations(table).action_space
+    before = (run / "report.html").stat().st_mtime_ns
+    call("report", run)
+    assert (run / "report.html").stat().st_mtime_ns > before
+
+
+def test_evaluate_compares_with_the_model_without_a_latent(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    call("evaluate", copy, "--episodes", "4", "--samples", "4", "--device", "cpu")
+    found = json.loads((copy / "metrics.json").read_text())["held_out_likelihood"]
+    low, high = found["difference"]["ci95"]
+    assert low <= found["difference"]["mean"] <= high
+    assert found["with_latent"] - found["without_latent"] == pytest.approx(found["difference"]["mean"])
+
+
+def test_data_verbs(table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call("data", "info", table)
+    assert "80 episodes" in capsys.readouterr().out
+    call("data", "convert", table, tmp_path / "zombie.csv")
+    call("data", "validate", tmp_path / "zombie.csv")
+    assert "is sound" in capsys.readouterr().out.replace("\n", " ")
+    lines = (tmp_path / "zombie.csv").read_text().splitlines()
+    (tmp_path / "broken.csv").write_text("\n".join([*lines[:4], *lines[5:]]))
+    with pytest.raises(SystemExit) as stopped:
+        call("data", "validate", tmp_path / "broken.csv")
+    assert stopped.value.code == 1
+    assert "gap" in capsys.readouterr().out
+
+
+def test_options_from_a_file(table: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("seed: 5\ntraining:\n  num_steps: 10\nmodel:\n  hidden_features: 8\n")
+    call("--config", tmp_path / "run.yaml", "fit", table, "--out", tmp_path / "run", "--training.num-steps", "4")
+    config = json.loads((tmp_path / "run/config.json").read_text())["run"]["config"]
+    assert (config["seed"], config["training"]["num_steps"]) == (5, 4)
+    assert config["model"]["hidden_features"] == 8
+
+
+def test_an_existing_directory_is_never_overwritten_without_force(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (run / "config.json").read_bytes()
+    assert "exists already" in refused(capsys, "fit", table, "--out", run, *SMALL)
+    assert (run / "config.json").read_bytes() == before
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/thesis.txt").write_text("years of work")
+    said = refused(capsys, "fit", table, "--out", tmp_path / "mine", "--force", *SMALL)
+    assert "is not a run directory" in said
+    assert (tmp_path / "mine/thesis.txt").exists()
+    assert "exists already" in refused(capsys, "data", "convert", table, table)
+
+
+def test_bad_data_makes_no_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.csv").write_text("episode,step,observation.x,action.a\n0,0,1.0,0.5\n0,1,nan,0.5\n")
+    said = refused(capsys, "fit", tmp_path / "bad.csv", "--out", tmp_path / "run")
+    assert "episode 0, step 1" in said
+    assert "observation.x" in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_column_that_is_missing_at_fit_or_later_is_named(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    narrow = pq.read_table(table).drop_columns(["observation.distance_to_zombie"])
+    pq.write_table(narrow.replace_schema_metadata(None), tmp_path / "narrow.parquet")
+    assert "distance_to_zombie" in refused(capsys, "styles", run, "--data", tmp_path / "narrow.parquet")
+    said = refused(
+        capsys, "fit", table, "--out", tmp_path / "run", "--angular", "observation.wind_direction", *SMALL
+    )
+    assert "observation.wind_direction" in said
+
+
+def test_an_environment_that_does_not_fit_is_refused_in_words(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(capsys, "rollout", run, "--env", "tvae/Navigation-v0", "--out", tmp_path / "x.parquet")
+    assert "4 signals against 2" in said
+    assert "Nowhere" in refused(capsys, "rollout", run, "--env", "Nowhere-v3", "--out", tmp_path / "x.parquet")
+    assert not (tmp_path / "x.parquet").exists()
+
+
+def test_what_is_asked_of_a_run_must_be_there(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "no style 'sneaky'" in refused(capsys, "generate", run, "--style", "sneaky", "--out", tmp_path / "x.csv")
+    assert "device must be" in refused(capsys, "styles", run, "--device", "quantum")
+    assert "is not a run directory" in refused(capsys, "styles", tmp_path)
+    assert "needs a data set" in refused(capsys, "fit", "--out", tmp_path / "new")
+    assert "reads no file" in refused(capsys, "demo", "--data", table, "--out", tmp_path / "new")
+    assert "is not there" in refused(capsys, "demo", "pusht", "--data", tmp_path / "no.npz", "--out", tmp_path / "p")
+    assert "--config needs" in refused(capsys, "--config", tmp_path / "run.ini", "styles", run)
+
+
+def test_a_truncated_model_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    weights = (copy / "model.safetensors").read_bytes()
+    (copy / "model.safetensors").write_bytes(weights[: len(weights) // 2])
+    assert "truncated" in refused(capsys, "styles", copy)
+
+
+def test_help_shows_an_example_of_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    verbs = [["demo"], ["fit"], ["styles"], ["generate"], ["rollout"], ["evaluate"], ["report"]]
+    verbs += [["data", verb] for verb in ("info", "validate", "convert", "make")]
+    for verb in verbs:
+        call(*verb, "--help")
+        assert f"tvae {' '.join(verb)}" in capsys.readouterr().out.split("Example")[1], verb
+
+
+def start(arguments: Sequence[str | Path]) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "tvae", *map(str, arguments)]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "GOMP_SPINCOUNT": "2000"}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def test_a_run_killed_three_times_ends_in_the_same_weights(table: Path, tmp_path: Path) -> None:
+    small = ["--training.num-steps", "160", "--training.evaluate-every", "5", "--model.hidden-features", "8"]
+    straight, killed = tmp_path / "straight", tmp_path / "killed"
+    first = start(["fit", table, "--out", straight, "--device", "cpu", *small])
+    first.communicate()
+    assert first.returncode == 0
+    rng = random.Random(0)
+    process = start(["fit", table, "--out", killed, "--device", "cpu", *small])
+    for _ in range(3):
+        checkpoint = killed / "checkpoint.safetensors"
+        seen = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+        while process.poll() is None and (not checkpoint.exists() or checkpoint.stat().st_mtime_ns == seen):
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0, 0.1))
+        assert process.poll() is None, "it ended before it could be killed"
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        assert not (killed / "model.safetensors").exists()
+        process = start(["fit", "--out", killed, "--resume", "--device", "cpu"])
+    _, said = process.communicate()
+    assert process.returncode == 0, said.decode()
+    mine, other = (load_file(path / "model.safetensors") for path in (straight, killed))
+    assert mine.keys() == other.keys()
+    assert all((mine[name] == other[name]).all() for name in mine)
