@@ -7,9 +7,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 
-def reverse_within(
-    sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]
-) -> Float[Tensor, "B T F"]:
+def reverse_within(sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Float[Tensor, "B T F"]:
     """Each sequence backwards within its own length; padding stays behind.
 
     >>> reverse_within(torch.tensor([[[1.0], [2.0], [0.0]]]), torch.tensor([2])).flatten().tolist()
@@ -22,22 +20,24 @@ def reverse_within(
 
 def masked_mean(sequence: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B F"]:
     """Mean over the steps where `mask` is true."""
-    weights = mask.to(sequence.dtype)
-    return torch.einsum("btf,bt->bf", sequence, weights) / weights.sum(1, keepdim=True)
+    share = mask.to(sequence.dtype) / mask.sum(1, keepdim=True)
+    return (sequence * share[..., None]).sum(1)
 
 
-class BidirectionalLSTM(nn.Module):
-    """Two one-way LSTMs, one over the reversed sequence; padding reaches neither's outputs within the length."""
+class PooledBidirectionalLSTM(nn.Module):
+    """Two one-way LSTMs, one over the reversed sequence, each averaged over the steps within the length.
+
+    Padding reaches neither's outputs within the length, and a mean does not mind in which order they come.
+    """
 
     def __init__(self, in_features: int, hidden_features: int) -> None:
         super().__init__()
         self.forwards = nn.LSTM(in_features, hidden_features, batch_first=True)
         self.backwards = nn.LSTM(in_features, hidden_features, batch_first=True)
 
-    def forward(
-        self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]
-    ) -> Float[Tensor, "B T H2"]:
-        """Both directions' outputs side by side, (B, T, 2 hidden_features)."""
+    def forward(self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Float[Tensor, "B H2"]:
+        """The means of both directions side by side, (B, 2 hidden_features)."""
+        mask = torch.arange(sequence.shape[1], device=sequence.device) < lengths[:, None]
         there, _ = self.forwards(sequence)
         back, _ = self.backwards(reverse_within(sequence, lengths))
-        return torch.cat([there, reverse_within(back, lengths)], dim=-1)
+        return torch.cat([masked_mean(there, mask), masked_mean(back, mask)], dim=-1)

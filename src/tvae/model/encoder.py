@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-from tvae.nets import BidirectionalLSTM, masked_mean
+from tvae.nets import PooledBidirectionalLSTM
 
 _LOG_VARIANCE_RANGE = (-14.0, 4.0)
 
@@ -15,6 +14,7 @@ _LOG_VARIANCE_RANGE = (-14.0, 4.0)
 class Encoder(nn.Module):
     """The posterior of z given a whole trajectory of any length. Padding changes nothing.
 
+    >>> import torch
     >>> encoder = Encoder(in_features=3, latent_features=2, hidden_features=8)
     >>> encoder(torch.zeros(5, 7, 3), torch.full((5,), 7)).mean.shape
     torch.Size([5, 2])
@@ -22,15 +22,13 @@ class Encoder(nn.Module):
 
     def __init__(self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0) -> None:
         super().__init__()
-        self.recurrent = BidirectionalLSTM(in_features, hidden_features)
+        self.recurrent = PooledBidirectionalLSTM(in_features, hidden_features)
         self.dropout = nn.Dropout(dropout)
         self.parameters_of_law = nn.Linear(2 * hidden_features, 2 * latent_features)
 
     def forward(self, sequence: Float[Tensor, "B T F"], lengths: Int[Tensor, " B"]) -> Normal:
         """The posterior, batch shape (B, Z)."""
-        steps = torch.arange(sequence.shape[1], device=sequence.device)
-        mask: Bool[Tensor, "B T"] = steps < lengths[:, None]
-        pooled = masked_mean(self.recurrent(self.dropout(sequence), lengths), mask)
+        pooled = self.recurrent(self.dropout(sequence), lengths)
         mean, log_variance = self.parameters_of_law(self.dropout(pooled)).chunk(2, dim=-1)
         log_variance = log_variance.clamp(*_LOG_VARIANCE_RANGE)
         return Normal(mean, (0.5 * log_variance).exp(), validate_args=False)
