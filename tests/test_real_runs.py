@@ -15,14 +15,14 @@ from tvae.experiments.tasks import TASKS
 DATA = Path(__file__).parent.parent / "data"
 FILES = {"pusht": DATA / "pusht_human_206.npz", "overcooked": DATA / "overcooked_human_2019.json.gz"}
 SMALL = ["--training.num-steps", "4", "--training.evaluate-every", "2", "--model.hidden-features", "8"]
-SMALL += ["--model.window", "4", "--no-model.stop", "--device", "cpu", "--episodes", "2"]
+SMALL += ["--model.window", "4", "--model.no-stop", "--device", "cpu", "--episodes", "2"]
 
 
 @pytest.mark.parametrize(
     ("task", "env", "measure", "options"),
     [
-        ("pusht", "tvae/PushT-v0", "best_coverage", []),
-        ("overcooked", "tvae/Overcooked-v0", "soups_per_1200_steps", ["--segment", "200", "--group", "pair"]),
+        ("pusht", "tvae/PushT-v0", "best_coverage", ["--segment", "60"]),
+        ("overcooked", "tvae/Overcooked-v0", "soups_per_1200_steps", ["--group", "pair"]),
     ],
 )
 def test_real_data_becomes_a_report(task: str, env: str, measure: str, options: list[str], tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def pusht(data: Path | None, seed: int) -> Recipe:
                 state_components=5,
             ),
             training=TrainingConfig(
-                num_steps=3_000, batch_size=32, learning_rate=3e-3, patience=15, held_out=0.15
+                num_steps=1_500, batch_size=32, learning_rate=3e-3, patience=15, held_out=0.15
             ),
             seed=seed,
         ),
