@@ -17,11 +17,18 @@ from tvae.model.tvae import ModelError, TrajectoryVAE
 EXTREMES = {
     "plain": {},
     "everything": {
-        "latent_features": 3, "window": 4, "dropout": 0.2, "stop": True, "action_components": 3, "prior_components": 2,
-        "state_floor": 0.3, "action_floor": 0.4,
+        "latent_features": 3,
+        "window": 4,
+        "dropout": 0.2,
+        "stop": True,
+        "action_components": 3,
+        "state_components": 2,
+        "prior_components": 2,
+        "state_floor": 0.3,
+        "action_floor": 0.4,
     },
     "without latent": {"latent_features": 0, "stop": False},
-}  # fmt: skip
+}
 
 
 @pytest.fixture

@@ -15,7 +15,13 @@ from tvae.model.tvae import TrajectoryVAE
 
 MODELS = {
     "plain": {},
-    "everything": {"stop": True, "action_components": 3, "prior_components": 2, "latent_features": 3},
+    "everything": {
+        "stop": True,
+        "action_components": 3,
+        "state_components": 2,
+        "prior_components": 2,
+        "latent_features": 3,
+    },
     "without latent": {"latent_features": 0, "stop": False},
 }
 episodes = st.lists(st.tuples(st.integers(1, 7), st.booleans()), min_size=1, max_size=5)

@@ -87,7 +87,7 @@ CONFIGURATIONS = {
     "no latent": {"latent_features": 0},
     "stop": {"stop": True},
     "no stop": {"stop": False},
-    "mixtures": {"action_components": 3, "prior_components": 4},
+    "mixtures": {"action_components": 3, "state_components": 2, "prior_components": 4},
     "windows": {"window": 2, "dropout": 0.1},
 }
 
