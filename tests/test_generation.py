@@ -301,6 +301,15 @@ def test_an_agent_without_environment_speaks_in_names(model: TrajectoryVAE):
     assert action["attack"].tolist() in [[0], [1]]
 
 
+def test_a_rollout_does_not_disturb_the_episode_of_the_agent():
+    env = Fork()
+    agent, other = (Agent(model_for(env), Z, env, seed=2) for _ in range(2))
+    observation, _ = env.reset(seed=1)
+    assert str(agent.act(observation)) == str(other.act(observation))
+    tvae.rollout(SyncVectorEnv([Fork] * 3), other, 5)
+    assert str(agent.act(observation)) == str(other.act(observation))
+
+
 def test_an_agent_draws_a_new_z_for_each_episode(model: TrajectoryVAE):
     class Normal:
         def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:

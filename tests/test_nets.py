@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from torch import Tensor, nn
 
 from tvae.model.decoders import RecurrentTrunk
@@ -70,6 +71,11 @@ def test_trunk_fed_step_by_step_is_the_trunk_fed_at_once(sequence: Tensor):
         features, memory = trunk(sequence[:, step : step + 1], z, memory)
         torch.testing.assert_close(features[:, 0], at_once[:, step], rtol=1e-5, atol=1e-6)
     torch.testing.assert_close(memory, last, rtol=1e-5, atol=1e-6)
+
+
+def test_shapes_are_checked_in_tests(sequence: Tensor):
+    with pytest.raises(TypeCheckError, match="masked_mean"):
+        masked_mean(sequence, torch.ones(5, 4, dtype=torch.bool))
 
 
 def test_posterior_never_loses_its_width(sequence: Tensor):

@@ -143,6 +143,21 @@ def test_each_part_is_clipped_on_its_own(walks: tuple[Demonstrations, Demonstrat
         assert norm == pytest.approx(clip, rel=1e-2) if clip == 1e-3 else 0 < norm <= clip * 1.001
 
 
+def test_learning_rate_falls_along_half_a_cosine(
+    walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
+):
+    rates: list[float] = []
+    step = torch.optim.Adam.step
+
+    def look(self: torch.optim.Adam) -> None:
+        rates.append(self.param_groups[0]["lr"])
+        step(self)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", look)
+    trained(untrained(walks[0]), walks, num_steps=20, learning_rate=0.01)
+    assert rates == pytest.approx([0.005 * (1 + np.cos(np.pi * step / 20)) for step in range(20)])
+
+
 def test_observer_is_told_of_each_step_and_evaluation(walks: tuple[Demonstrations, Demonstrations]):
     steps, told = [], []
     observer = Observer(lambda step, terms: steps.append(step), told.append)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import gymnasium
@@ -116,6 +117,7 @@ def rollout(
 ) -> Demonstrations:
     """Episodes of an agent in an environment, as demonstrations; its z is drawn afresh for each.
 
+    The episode that the agent is in the middle of is not disturbed.
     A vector environment runs as many episodes at once as it has copies.
 
     >>> import gymnasium, tvae
@@ -128,4 +130,4 @@ def rollout(
     envs = env if isinstance(env, VectorEnv) else as_vector(env)
     model = agent.policy.model
     check_spaces(envs, model.observation_space, model.action_space)
-    return run_episodes(envs, agent.policy, episodes, seed=seed)
+    return run_episodes(envs, copy(agent.policy), episodes, seed=seed)
