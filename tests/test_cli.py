@@ -190,6 +190,9 @@ def test_what_is_asked_of_a_run_must_be_there(
 ) -> None:
     assert "no style 'sneaky'" in refused(capsys, "generate", run, "--style", "sneaky", "--out", tmp_path / "x.csv")
     assert "device must be" in refused(capsys, "styles", run, "--device", "quantum")
+    assert "is not there" in refused(capsys, "fit", table, "--out", tmp_path / "new", "--device", "cuda:99")
+    assert "no attribute" in refused(capsys, "fit", table, "--out", tmp_path / "new", "--group", "team")
+    assert not (tmp_path / "new").exists()
     assert "is not a run directory" in refused(capsys, "styles", tmp_path)
     assert "needs a data set" in refused(capsys, "fit", "--out", tmp_path / "new")
     assert "reads no file" in refused(capsys, "demo", "--data", table, "--out", tmp_path / "new")

@@ -9,10 +9,10 @@ from typing import Literal
 from rich.markup import escape
 
 from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
-from tvae.cli.tables import signals_table
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import summarise
 from tvae.data.validation import validate as find_issues
+from tvae.experiments.tables import signals_table
 from tvae.experiments.tasks import TASKS
 
 

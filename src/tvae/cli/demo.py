@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from tvae.cli.options import CONSOLE, Device, Flag, Force, Seed
-from tvae.experiments.run import complete, new_recipe_run
-from tvae.experiments.run_directory import RunDirectory
+from tvae.experiments.run import complete, new_recipe_run, resumed_run
 from tvae.experiments.tasks import TASKS
 
 
@@ -38,7 +37,8 @@ def demo(
     """
     directory = out or Path("runs") / task
     if resume:
-        run = RunDirectory.existing(directory)
+        begun = resumed_run(directory)
     else:
-        run = new_recipe_run(directory, TASKS[task](data, seed), command=sys.argv, force=force)
-    complete(run, device=device, console=CONSOLE)
+        recipe = TASKS[task](data, seed)
+        begun = new_recipe_run(directory, recipe, command=sys.argv, device=device, force=force)
+    complete(begun, device=device, console=CONSOLE)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from tvae.cli.options import CONSOLE, Device, Run, Seed
-from tvae.cli.tables import metrics_table
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import try_bots
 from tvae.experiments.evaluation import compare_without_latent
+from tvae.experiments.tables import metrics_table
 from tvae.experiments.using import open_run
 
 

@@ -8,8 +8,7 @@ from tvae.cli.options import COLUMNS, CONSOLE, MODEL, TRAINING, Columns, Device,
 from tvae.config import ModelConfig, RunConfig, TrainingConfig
 from tvae.errors import TvaeError
 from tvae.experiments.arenas import Arena
-from tvae.experiments.run import complete, new_run
-from tvae.experiments.run_directory import RunDirectory
+from tvae.experiments.run import complete, new_run, resumed_run
 
 
 def fit(
@@ -43,11 +42,13 @@ def fit(
         Go on with the run in --out where it was killed, as it was configured.
     """
     if resume:
-        run = RunDirectory.existing(out)
+        begun = resumed_run(out)
     elif data is None:
         raise TvaeError("tvae fit needs a data set, or --resume to go on with the run in --out")
     else:
         config = RunConfig(model=model, training=training, seed=seed, group=group)
         arena = None if env is None else Arena(env, episodes=episodes)
-        run = new_run(out, columns.of(data), config, arena, command=sys.argv, force=force)
-    complete(run, device=device, console=CONSOLE)
+        begun = new_run(
+            out, columns.of(data), config, arena, command=sys.argv, device=device, force=force
+        )
+    complete(begun, device=device, console=CONSOLE)

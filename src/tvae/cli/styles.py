@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tvae.cli.options import CONSOLE, Device, Force, Run
-from tvae.cli.tables import styles_table
+from tvae.experiments.tables import styles_table
 from tvae.experiments.using import label, open_run
 
 

@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
 from tvae.config import RunConfig
+from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
+from tvae.data.validation import summarise
+from tvae.device import resolve_device
 from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import try_bots
-from tvae.experiments.fitting import About, about_run, begin, fit_run
+from tvae.experiments.fitting import About, about_run, begin, fit_run, split
 from tvae.experiments.recipe import Recipe
 from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
+from tvae.experiments.tables import signals_table
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A run whose directory is there, and its demonstrations."""
+
+    run: RunDirectory
+    demonstrations: Demonstrations
 
 
 def new_run(
@@ -26,33 +39,50 @@ def new_run(
     arena: Arena | None,
     *,
     command: Sequence[str],
+    device: str,
     force: bool,
-) -> RunDirectory:
-    """A run directory that holds all that `complete` needs; the demonstrations are read and checked first."""
+) -> Begun:
+    """A run directory that holds all that `complete` needs; everything is checked before it is made."""
     source = source.absolute()
     demonstrations = source.load()
+    _check(demonstrations, config, device)
     run = RunDirectory.create(out, force=force)
     begin(run, demonstrations, About(config, source, arena, out.name, tuple(command)))
-    return run
+    return Begun(run, demonstrations)
 
 
-def new_recipe_run(out: Path, recipe: Recipe, *, command: Sequence[str], force: bool) -> RunDirectory:
+def new_recipe_run(out: Path, recipe: Recipe, *, command: Sequence[str], device: str, force: bool) -> Begun:
     """The same for a task of ours, whose demonstrations are kept in the run directory."""
     demonstrations = recipe.demonstrations()
+    _check(demonstrations, recipe.config, device)
     run = RunDirectory.create(out, force=force)
     save_demonstrations(demonstrations, run.demonstrations)
     source = Source(str(run.demonstrations.resolve()))
     begin(run, demonstrations, About(recipe.config, source, recipe.arena, recipe.title, tuple(command)))
-    return run
+    return Begun(run, demonstrations)
 
 
-def complete(run: RunDirectory, *, device: str, console: Console) -> None:
+def resumed_run(out: Path) -> Begun:
+    """A run that began earlier."""
+    run = RunDirectory.existing(out)
+    return Begun(run, about_run(run).source.load())
+
+
+def _check(demonstrations: Demonstrations, config: RunConfig, device: str) -> None:
+    resolve_device(device)
+    split(demonstrations, config)
+
+
+def complete(begun: Begun, *, device: str, console: Console) -> None:
     """Do all that is left of a run: training goes on from the last checkpoint, the rest is done anew."""
+    run, demonstrations = begun.run, begun.demonstrations
     about = about_run(run)
-    demonstrations = about.source.load()
+    summary = summarise(demonstrations)
+    console.print(f"{summary.num_episodes} episodes, {summary.num_steps} steps, taken for:")
+    console.print(signals_table(summary))
     model = fit_run(run, demonstrations, about.config, device=device, console=console)
-    playstyles = analyse(run, model, demonstrations, about.config, console=console)
+    findings = analyse(run, model, demonstrations, about.config, console=console)
     if about.arena is not None:
-        try_bots(run, model, playstyles, about.arena, seed=about.config.seed, console=console)
+        try_bots(run, model, findings, about.arena, seed=about.config.seed, console=console)
     write_report(run, demonstrations)
     console.print(f"report: {run.report}")

@@ -21,7 +21,7 @@ def fit(
     hidden_features: int = 64,
     dropout: float = 0.0,
     window: int | None = None,
-    stop: bool = False,
+    stop: bool = True,
     action_components: int = 1,
     state_components: int = 1,
     prior_components: int = 1,
