@@ -340,6 +340,15 @@ def test_a_finished_training_is_not_repeated(walks: tuple[Demonstrations, Demons
     assert same(weights(again), weights(model))
 
 
+def test_fit_resumes_from_its_checkpoint(tmp_path: Path):
+    steps: list[int] = []
+    for _ in range(2):
+        observer = Observer(on_step=lambda step, terms: steps.append(step))
+        with pytest.warns(TrainingWarning):
+            fit(two_styles(10), num_steps=2, device="cpu", checkpoint=str(tmp_path / "c"), observer=observer)
+    assert steps == [1, 2]
+
+
 def test_training_leaves_the_randomness_of_others_alone(walks: tuple[Demonstrations, Demonstrations]):
     torch.manual_seed(8)
     expected = torch.rand(3)

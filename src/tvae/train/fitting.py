@@ -36,7 +36,7 @@ def fit(
     group: str | None = None,
     seed: int = 0,
     device: str = "auto",
-    checkpoint: Path | None = None,
+    checkpoint: str | Path | None = None,
     observer: Observer = Observer(),  # noqa: B008 - frozen
 ) -> TrajectoryVAE:
     """A `TrajectoryVAE` trained on all but a held-out part of the demonstrations.
@@ -70,7 +70,7 @@ def fit(
         evaluate_every=evaluate_every,
         patience=patience,
         seed=seed,
-        checkpoint=checkpoint,
+        checkpoint=None if checkpoint is None else Path(checkpoint),
         observer=observer,
     )
     return model
