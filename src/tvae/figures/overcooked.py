@@ -37,7 +37,8 @@ def draw_overcooked(axes: Axes, trajectory: Trajectory, colour: str = STYLE_COLO
     ['laps of player 1', 'laps of player 0', 'soup']
     """
     for player, shade, style in ((1, MUTED, "--"), (0, colour, "-")):
-        turned = laps(*(np.asarray(trajectory.steps[f"info.{axis}_{player}"], dtype=np.float64) for axis in "xy"))
+        x, y = (np.asarray(trajectory.steps[f"info.{axis}_{player}"], dtype=np.float64) for axis in "xy")
+        turned = laps(x, y)
         axes.plot(np.arange(len(turned)), turned, style, color=shade, linewidth=1.1, label=f"laps of player {player}")
     soups = np.flatnonzero(np.asarray(trajectory.steps["reward"]) > 0)
     if len(soups):
