@@ -17,8 +17,14 @@ lint: .venv/installed-lint
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 
+# The wheel must work by itself, in an environment that has nothing else.
 wheel: .venv/installed-test
+	rm -rf dist build/empty
 	.venv/bin/python -m build --wheel
+	$(PYTHON) -m venv build/empty
+	build/empty/bin/pip install --quiet --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	cd build && empty/bin/python -c 'import tvae; tvae.TrajectoryVAE' && empty/bin/tvae --help > /dev/null
+	rm -rf build/empty
 
 clean:
 	rm -rf .venv build dist
