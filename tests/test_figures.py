@@ -21,6 +21,7 @@ from tvae.figures.canvas import new_figure, plain_axes, save
 from tvae.figures.curves import training_curves
 from tvae.figures.latent import latent_plane, latent_space
 from tvae.figures.markup import to_markup
+from tvae.figures.overcooked import draw_overcooked
 from tvae.figures.palette import ALERT, INK, STYLE_COLOURS, style_colour, style_marker
 from tvae.figures.trajectories import draw_path, draw_trajectory, grid, planes, share_limits
 from tvae.figures.zombie import draw_zombie, zombie_paths
@@ -340,3 +341,17 @@ class TestMarkup:
         pixels = imread(io.BytesIO(base64.b64decode(data)))
         assert pixels[5, 5, 0] == 0
         assert pixels[-5, 5, 0] == 1
+
+
+def test_overcooked_laps_and_soups_are_drawn() -> None:
+    turns = np.linspace(0, 4 * np.pi, 81)
+    places = {"info.x_0": 2 + np.cos(turns), "info.y_0": 2 + np.sin(turns)}
+    places |= {"info.x_1": 2 + np.cos(-turns), "info.y_1": 2 + np.sin(-turns)}
+    reward = np.where(np.arange(81) == 40, 20.0, 0.0)
+    game = Trajectory(np.zeros((81, 1)), np.zeros((81, 1)), {**places, "reward": reward})
+    axes = new_figure(2, 2).add_subplot()
+    draw_overcooked(axes, game)
+    drawn = {line.get_label(): line.get_xydata() for line in axes.lines}
+    np.testing.assert_allclose(drawn["laps of player 0"][-1], (80, 2))
+    np.testing.assert_allclose(drawn["laps of player 1"][-1], (80, -2))
+    np.testing.assert_allclose(drawn["soup"], [(40, 0)])

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError, Trajectory
-from tvae.envs.overcooked_features import LAYOUTS, Features
-from tvae.gymnasium_spaces import flatten, space_from_gymnasium, wrap
+from tvae.envs.overcooked_features import LAYOUTS, Features, signals
+from tvae.gymnasium_spaces import flatten, wrap
 from tvae.spaces import Categorical, FloatArray, IntArray, Space
 
 try:
@@ -37,6 +37,7 @@ except ImportError as error:
     raise ImportError(f"Overcooked needs its simulator: pip install 'tvae[overcooked]' ({error})") from error
 
 ACTIONS = ("north", "south", "east", "west", "stay", "interact")
+PLAYERS = ("player_0", "player_1")
 SOUP_REWARD = 20.0
 STEPS_PER_SECOND = 6.7
 """How fast the recorded people played."""
@@ -91,7 +92,7 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
         self._soups = 0
         self.observation_space = self._features.space
         self.action_space = gym.MultiDiscrete([len(ACTIONS)] * 2)
-        names = {"observation": self._features.names, "action": ("player_0", "player_1")}
+        names = {"observation": self._features.names, "action": PLAYERS}
         self.metadata = {**self.metadata, "signal_names": names}
 
     def reset(
@@ -145,11 +146,10 @@ def overcooked_demonstrations(
         raise ValueError(f"layouts must be some of {', '.join(LAYOUTS)}, got {', '.join(unknown) or 'none'}")
     with gzip.open(path, "rt", encoding="utf-8") as file:
         games = json.load(file)["trials"]
-    env = OvercookedEnv(wanted[0], surroundings=surroundings)
     return Demonstrations.from_trajectories(
         (_replay(game, episode, surroundings) for episode, game in enumerate(games) if game["layout"] in wanted),
-        space_from_gymnasium(env.observation_space, env.metadata["signal_names"]["observation"]),
-        space_from_gymnasium(env.action_space, env.metadata["signal_names"]["action"]),
+        Space(tuple(signals(surroundings=surroundings))),
+        Space(tuple(Categorical(name, ACTIONS) for name in PLAYERS)),
     )
 
 

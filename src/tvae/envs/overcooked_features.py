@@ -34,7 +34,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from gymnasium import spaces as gym
 
-from tvae.spaces import IntArray
+from tvae.spaces import Categorical, IntArray
 
 Cell: TypeAlias = tuple[int, int]
 """(x, y) of a cell; x grows to the east, y to the south."""
@@ -67,32 +67,38 @@ GOALS = ("onion", "dish", "soup", "pot", "serving")
 _OFFSETS: tuple[Cell, ...] = ((0, -1), (0, 1), (1, 0), (-1, 0))
 _FACING = {offset: index for index, offset in enumerate(_OFFSETS)}
 _MOST_POTS = 2
-_NUM_COLUMNS, _NUM_ROWS = 7, 3
+_COLUMNS, _ROWS = tuple(range(1, 8)), tuple(range(1, 4))
 """Walkable cells of all `LAYOUTS` lie at 1 <= x <= 7, 1 <= y <= 3."""
 _FRONT_OF_TERRAIN = {" ": 0, "X": 2, "O": 6, "D": 7, "P": 8, "S": 9}
 _STATION = {"onion": "O", "dish": "D", "pot": "P", "serving": "S"}
 _NOWHERE = (1 << 30, WAYS.index("none"))
 
 
-def _signals(surroundings: bool) -> Iterator[tuple[str, int, int]]:
-    """Name, number of categories and first raw value of each signal."""
-    yield "layout", len(LAYOUTS), 0
+def signals(*, surroundings: bool) -> Iterator[Categorical]:
+    """The signals of an observation, in order, with what their categories mean."""
+    yield Categorical("layout", LAYOUTS)
     for player in range(2):
-        yield f"x_{player}", _NUM_COLUMNS, 1
-        yield f"y_{player}", _NUM_ROWS, 1
-        yield f"facing_{player}", len(DIRECTIONS), 0
-        yield f"held_{player}", len(HELD), 0
+        yield Categorical(f"x_{player}", _COLUMNS)
+        yield Categorical(f"y_{player}", _ROWS)
+        yield Categorical(f"facing_{player}", DIRECTIONS)
+        yield Categorical(f"held_{player}", HELD)
     for pot in range(_MOST_POTS):
-        yield f"pot_{pot}", len(POT), 0
+        yield Categorical(f"pot_{pot}", POT)
     for thing in ("onions", "dishes", "soups"):
-        yield thing, 2, 0
+        yield Categorical(thing, ("none about", "some about"))
     if surroundings:
         for player in range(2):
-            yield f"front_{player}", len(FRONT), 0
+            yield Categorical(f"front_{player}", FRONT)
             for direction in DIRECTIONS:
-                yield f"{direction}_{player}", 2, 0
+                yield Categorical(f"{direction}_{player}", ("blocked", "free"))
             for goal in GOALS:
-                yield f"{goal}_way_{player}", len(WAYS), 0
+                yield Categorical(f"{goal}_way_{player}", WAYS)
+
+
+def _first(signal: Categorical) -> int:
+    """The raw value of its first category."""
+    first = signal.categories[0]
+    return first if isinstance(first, int) else 0
 
 
 class Features:
@@ -107,9 +113,11 @@ class Features:
     """
 
     def __init__(self, layout: str, terrain: Sequence[str], *, surroundings: bool = True) -> None:
-        signals = tuple(_signals(surroundings))
-        self.names = tuple(name for name, _, _ in signals)
-        self.space = gym.MultiDiscrete([n for _, n, _ in signals], start=[start for _, _, start in signals])
+        seen = tuple(signals(surroundings=surroundings))
+        self.names = tuple(signal.name for signal in seen)
+        self.space = gym.MultiDiscrete(
+            [len(signal.categories) for signal in seen], start=[_first(signal) for signal in seen]
+        )
         self._layout = LAYOUTS.index(layout)
         self._surroundings = surroundings
         self._terrain = {(x, y): kind for y, row in enumerate(terrain) for x, kind in enumerate(row)}

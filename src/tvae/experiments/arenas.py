@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.envs import zombie
+from tvae.figures.overcooked import draw_overcooked
 from tvae.figures.zombie import draw_zombie
 
 Outcomes: TypeAlias = Mapping[str, NDArray[np.bool_]]
@@ -75,5 +76,5 @@ def _overcooked(episodes: Demonstrations) -> Measures:
 _KNOWN = {
     "tvae/ZombieAttack-v0": Knowledge(zombie.success, _zombie, draw_zombie),
     "tvae/PushT-v0": Knowledge(_as_info_says, _pusht),
-    "tvae/Overcooked-v0": Knowledge(measures=_overcooked),
+    "tvae/Overcooked-v0": Knowledge(measures=_overcooked, draw=draw_overcooked),
 }
