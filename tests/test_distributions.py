@@ -10,7 +10,7 @@ from tvae.device import seeded
 from tvae.distributions import Columns, Joint, Mixture, VonMises, most_likely
 
 CPU = torch.device("cpu")
-CONCENTRATIONS = [1e-8, 1e-3, 0.2, 1.0, 7.0, 60.0, 99.9, 100.1, 2_500.0, 1e6]
+CONCENTRATIONS = [1e-8, 1e-3, 0.2, 1.0, 7.0, 60.0, 999.0, 1_001.0, 2_500.0, 1e6]
 
 
 def von_mises(mean: float, concentration: float, dtype: torch.dtype = torch.float64) -> VonMises:
@@ -36,7 +36,7 @@ def test_von_mises_gradient_is_exact_in_single_precision(concentration: float):
     k = np.float64(concentration)
     small = 1 / (2 * k) + 1 / (8 * k**2) + 1 / (8 * k**3)  # 1 - I1/I0 for large k
     ratio = special.i1e(k) / special.i0e(k) if k < 1e3 else 1 - small
-    np.testing.assert_allclose(log_k.grad, k * (np.cos(away) - ratio), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(log_k.grad, k * (np.cos(away) - ratio), rtol=1e-4, atol=2e-4)
 
 
 @pytest.mark.parametrize("concentration", CONCENTRATIONS)

@@ -73,9 +73,8 @@ class VonMises(TorchVonMises):
 
 def _log_i0e(k: Tensor) -> Tensor:
     """log(I0(k) e^-k), by its asymptotic series for large k, where the derivative of `i0e` cancels."""
-    large = k.clamp_min(100)
-    series = torch.log1p((1 + (9 / 16 + 75 / 128 / large) / large) / (8 * large)) - 0.5 * torch.log(2 * math.pi * large)
-    return torch.where(k < 100, torch.special.i0e(k).log(), series)
+    large = k.clamp_min(1_000)
+    return torch.where(k < 1_000, torch.special.i0e(k).log(), 0.125 / large - 0.5 * torch.log(2 * math.pi * large))
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class Head(nn.Module):
         if len(self._angular):
             angle = origin.index_select(-1, self._angular) + torch.atan2(y, 1 + x)
             scale = self.unit[self._angular] * (self.floor + softplus(width))
-            parts.append(Columns(self._angular, VonMises(angle, scale**-2, validate_args=False)))
+            parts.append(Columns(self._angular, VonMises(angle, scale.reciprocal().square(), validate_args=False)))
         if len(self._binary):
             parts.append(Columns(self._binary, Bernoulli(logits=log_odds, validate_args=False)))
         if len(self._categorical):

@@ -83,14 +83,16 @@ class Normalizer(nn.Module):
 
     def features(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """What a network sees of standardised rows: numbers, then cos, sin, then +-1, then one-hot categories."""
-        angles = values.index_select(-1, self._angular)
-        codes = values.index_select(-1, self._categorical).long()
-        one_hot = nn.functional.one_hot(codes, self.space.category_mask.shape[1]).flatten(-2)
-        parts = (
-            values.index_select(-1, self._continuous),
-            angles.cos(),
-            angles.sin(),
-            2 * values.index_select(-1, self._binary) - 1,
-            one_hot.index_select(-1, self._categories).to(values.dtype),
-        )
+        parts = []
+        if len(self._continuous):
+            parts.append(values.index_select(-1, self._continuous))
+        if len(self._angular):
+            angles = values.index_select(-1, self._angular)
+            parts.extend((angles.cos(), angles.sin()))
+        if len(self._binary):
+            parts.append(2 * values.index_select(-1, self._binary) - 1)
+        if len(self._categorical):
+            codes = values.index_select(-1, self._categorical).long()
+            one_hot = nn.functional.one_hot(codes, self.space.category_mask.shape[1]).flatten(-2)
+            parts.append(one_hot.index_select(-1, self._categories).to(values.dtype))
         return torch.cat(parts, dim=-1)
