@@ -140,8 +140,9 @@ def test_recorded_people_as_a_policy(ring):
         assert game.steps.keys() == replayed.steps.keys()
         for name, values in game.steps.items():
             assert np.array_equal(values, replayed.steps[name]), name
-    assert again.observation_space == ring.observation_space
-    assert again.action_space == ring.action_space
+    assert again.observation_space.names == ring.observation_space.names
+    assert again.observation_space.differences(ring.observation_space) == []
+    assert again.action_space.differences(ring.action_space) == []
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
