@@ -71,6 +71,9 @@ def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
     assert metrics["playstyles"]["num_found"] >= 1
     assert metrics["train_seconds"] > 0
     assert metrics["test_episodes"] == 12
+    history = json.loads((run / "history.json").read_text())
+    kept = metrics["nats_per_trajectory"]["held_out"]
+    assert any(record["held_out"] == pytest.approx(kept) for record in history)
     config = json.loads((run / "config.json").read_text())
     assert config["schema_version"] == 1
     assert config["run"]["config"]["training"]["num_steps"] == 30

@@ -22,7 +22,7 @@ from tvae.experiments.source import Source
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.fitting import new_model
-from tvae.train.loop import Observer, TrainingWarning, train
+from tvae.train.loop import Observer, TrainingWarning, evaluate, train
 from tvae.train.schedules import Piecewise
 
 
@@ -90,14 +90,17 @@ def fit_run(
         console.print(f"Warning: {sentence}", style="yellow", markup=False)
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
-    last = records[-1]
+    terms = {
+        name: asdict(evaluate(model, part, batch_size=config.training.batch_size, seed=config.seed))
+        for name, part in zip(("training", "held_out"), split(demonstrations, config), strict=True)
+    }
     update_metrics(
         run,
         {
             "train_seconds": seconds,
-            "train_steps": last.step,
+            "train_steps": records[-1].step,
             "warnings": words,
-            "nats_per_trajectory": {"training": asdict(last.training), "held_out": asdict(last.held_out)},
+            "nats_per_trajectory": terms,
         },
     )
     model.save_weights(run.model)
