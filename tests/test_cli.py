@@ -67,6 +67,7 @@ def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
     ):
         assert (run / name).exists(), name
     assert not list(run.rglob("*.partial"))
+    assert len({path.stat().st_mode for path in run.glob("*.*") if path.is_file()}) == 1
     metrics = json.loads((run / "metrics.json").read_text())
     assert metrics["playstyles"]["num_found"] >= 1
     assert metrics["train_seconds"] > 0

@@ -31,6 +31,8 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     _remove(partial)
     try:
         yield partial
+        if partial.is_file():
+            partial.chmod(_usual_mode())  # some writers make files that only their owner can read
         if path.is_dir():
             older = path.with_name(f".{path.name}.{os.getpid()}.older")
             _remove(older)
@@ -41,6 +43,13 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
             partial.replace(path)
     finally:
         _remove(partial)
+
+
+def _usual_mode() -> int:
+    """Permissions of a new file, as the user's umask says."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
 
 
 def _remove(path: Path) -> None:
