@@ -65,7 +65,7 @@ def test_randomness_inside_depends_on_the_seed_and_outside_on_nothing():
         assert not torch.equal(torch.rand(2), inside)
 
 
-@pytest.mark.parametrize("arguments", [{}, {"stop": True, "action_components": 2, "prior_components": 3}], ids=str)
+@pytest.mark.parametrize("arguments", [{}, {"stop": True, "action_components": 2, "prior_components": 3, "dynamics": True}], ids=str)
 def test_a_step_happens_where_the_weights_are(arguments: dict):
     """On torch's device without memory, where any tensor from elsewhere is an error."""
     meta = torch.device("meta")
@@ -82,5 +82,6 @@ def test_a_step_happens_where_the_weights_are(arguments: dict):
     assert {parameter.grad.device for parameter in model.parameters()} == {meta}
     assert model.prior.sample(3).device == meta
     states = model.observation_normalizer.features(observations)
-    law, log_odds = model.state_decoder(states, observations, model.prior.sample(2))
+    inputs = model.state_decoder_inputs(states, model.action_normalizer.values(actions))
+    law, log_odds = model.state_decoder(inputs, observations, model.prior.sample(2))
     assert law.mode().device == log_odds.device == meta

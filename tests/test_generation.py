@@ -114,19 +114,48 @@ def test_the_window_of_the_training_is_the_default(starts: np.ndarray, latents: 
     assert LatentPolicy(narrow, Fixed(Z), window=5).window == 5
 
 
-def test_a_dream_follows_its_decoders_step_by_step(model: TrajectoryVAE, starts: np.ndarray, latents: np.ndarray):
+@pytest.mark.parametrize("dynamics", [False, True])
+def test_a_dream_follows_its_decoders_step_by_step(starts: np.ndarray, latents: np.ndarray, dynamics: bool):
     """The most likely dream is the one whose every row is the mode of what the whole-sequence decoders say."""
+    model = untrained(noise([4, 7, 5]), stop=False, dynamics=dynamics)
     imagined = imagine(model, starts[:1], latents[:1], num_steps=5, choice=most_likely)
     episode, z = imagined[0], torch.from_numpy(latents[:1]).float()
     with torch.no_grad():
         values = model.observation_normalizer.values(torch.from_numpy(episode.observations[None, :-1]).float())
         states = model.observation_normalizer.features(values)
-        law, _ = model.state_decoder(states, values, z)
+        taken = model.action_normalizer.values(torch.from_numpy(episode.actions[None]).float())
+        law, _ = model.state_decoder(model.state_decoder_inputs(states, taken), values, z)
         following = model.observation_normalizer.raw(law.mode())[0].numpy()
         actions = model.action_normalizer.raw(model.policy_decoder(states, z).mode())[0].numpy()
     following[:, OBSERVATIONS.angular] = (following[:, OBSERVATIONS.angular] + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(episode.observations[1:], following, atol=1e-4)
     np.testing.assert_allclose(episode.actions, actions, atol=1e-4)
+
+
+@pytest.mark.parametrize("dynamics", [False, True])
+def test_the_dreamed_world_answers_to_the_action_where_it_is_a_dynamics_model(
+    starts: np.ndarray, latents: np.ndarray, dynamics: bool
+):
+    """Another policy leads from the same states to others; a world that reads z alone goes its way."""
+    model = untrained(noise([4, 7, 5]), stop=False, dynamics=dynamics)
+    first = imagine(model, starts, latents, num_steps=4, choice=most_likely)
+    with torch.no_grad():
+        for parameter in model.policy_decoder.parameters():
+            parameter.neg_()
+    second = imagine(model, starts, latents, num_steps=4, choice=most_likely)
+    assert not np.allclose(first.actions, second.actions, atol=1e-2)
+    assert np.array_equal(first.observations, second.observations) == (not dynamics)
+
+
+@pytest.mark.parametrize("window", [1, 3])
+def test_a_dynamics_model_dreams_in_windows(starts: np.ndarray, latents: np.ndarray, window: int):
+    model = untrained(noise([4, 7, 5]), dynamics=True, window=window)
+    assert_same(
+        imagine(model, starts, latents, num_steps=1, seed=3),
+        imagine(model, starts, latents, num_steps=1, seed=3, window=9),
+        atol=1e-5,
+    )
+    assert len(imagine(model, starts, latents, num_steps=6)) == 6
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ EXTREMES = {
         "prior_components": 2,
         "state_floor": 0.3,
         "action_floor": 0.4,
+        "encode_actions": False,
+        "dynamics": True,
     },
     "without latent": {"latent_features": 0, "stop": False},
 }
@@ -62,6 +64,17 @@ def test_a_model_comes_back_the_same(tmp_path: Path, name: str, kind: type):
             strict=True,
         ):
             assert torch.equal(one, other)
+
+
+def test_a_description_from_before_an_argument_was_added_means_its_default(tmp_path: Path):
+    model = untrained(noise([4, 7, 5]))
+    model.save(tmp_path)
+    older = {name: value for name, value in model.arguments.items() if name not in {"encode_actions", "dynamics"}}
+    assert len(older) == len(model.arguments) - 2
+    edit(tmp_path, arguments=older)
+    loaded = TrajectoryVAE.load(tmp_path)
+    assert loaded.arguments == model.arguments
+    assert (loaded.encode_actions, loaded.dynamics) == (True, False)
 
 
 def test_saving_again_replaces(saved: Path):

@@ -23,6 +23,7 @@ MODELS = {
         "latent_features": 3,
     },
     "without latent": {"latent_features": 0, "stop": False},
+    "a dynamics model": {"encode_actions": False, "dynamics": True},
 }
 episodes = st.lists(st.tuples(st.integers(1, 7), st.booleans()), min_size=1, max_size=5)
 

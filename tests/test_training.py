@@ -89,6 +89,8 @@ CONFIGURATIONS = {
     "no stop": {"stop": False},
     "mixtures": {"action_components": 3, "state_components": 2, "prior_components": 4},
     "windows": {"window": 2, "dropout": 0.1},
+    "no actions in the encoder": {"encode_actions": False},
+    "dynamics": {"dynamics": True, "window": 2},
 }
 
 
@@ -213,6 +215,64 @@ def test_training_follows_the_schedule(walks: tuple[Demonstrations, Demonstratio
         kl = latest
         expected.append(beta)
     assert [record.beta for record in records[1:]] == pytest.approx([expected[i - 1] for i in range(10, 61, 10)])
+
+
+# The weight of the state term
+
+
+@pytest.mark.parametrize("stop", [False, True])
+def test_without_weight_the_state_decoder_stays_as_it_was(
+    walks: tuple[Demonstrations, Demonstrations], stop: bool
+):
+    """Everything else learns, and with a stop term also the trunk that it reads."""
+    model = untrained(walks[0], stop=stop)
+    before = weights(model)
+    trained(model, walks, num_steps=10, state_weight=0)
+    changed = {name for name, tensor in weights(model).items() if not torch.equal(tensor, before[name])}
+    still = "state_decoder.head." if stop else "state_decoder."
+    learned = {name for name, _ in model.named_parameters()}
+    assert changed == {name for name in learned if not name.startswith(still)}
+
+
+def test_the_state_term_counts_by_its_weight(walks: tuple[Demonstrations, Demonstrations]):
+    """Ten times the weight gives the state decoder ten times the gradient, and the policy's the same."""
+    gradients: list[list[Tensor]] = []
+    for weight in (0.1, 1.0):
+        model = untrained(walks[0], stop=False)
+
+        def look(step: int, terms: Terms, model: TrajectoryVAE = model) -> None:
+            parts = (model.state_decoder, model.policy_decoder)
+            gradients.append([torch.cat([p.grad.flatten() for p in part.parameters()]) for part in parts])
+
+        trained(model, walks, num_steps=1, clip=1e6, state_weight=weight, observer=Observer(on_step=look))
+    (state, policy), (more, same_policy) = gradients
+    torch.testing.assert_close(10 * state, more, rtol=1e-3, atol=1e-6)
+    torch.testing.assert_close(policy, same_policy)
+    assert more.norm() > 0.1
+
+
+@pytest.mark.parametrize(("weight", "best"), [(1.0, 10), (0.5, 60), (0.0, 60)])
+def test_the_best_weights_are_those_of_the_weighted_bound(
+    walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch, weight: float, best: int
+):
+    """As made up, the policy term gains one nat while the state term loses 1.5."""
+    scores = iter([Terms(-9.0, -9.0, 0.0, 1.0), *(Terms(float(i), -1.5 * i, 0.0, 1.0) for i in range(6))])
+    seen: dict[int, dict[str, Tensor]] = {}
+    model = untrained(walks[0])
+    monkeypatch.setattr("tvae.train.loop.evaluate", lambda *arguments, **keywords: next(scores))
+    observer = Observer(on_record=lambda record: seen.update({record.step: weights(model)}))
+    train(model, *walks, schedule=Constant(), **QUICK, state_weight=weight, observer=observer)
+    assert same(weights(model), seen[best])
+
+
+def test_a_state_term_without_weight_is_not_learnt_and_not_missed(
+    walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
+):
+    """No warning that nothing was learnt while the policy's term rises."""
+    scores = iter([Terms(-9.0, -9.0, 0.0, 1.0), *(Terms(float(i), -900.0, 0.0, 1.0) for i in range(6))])
+    monkeypatch.setattr("tvae.train.loop.evaluate", lambda *arguments, **keywords: next(scores))
+    records = train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, state_weight=0.0)
+    assert len(records) == 7
 
 
 # Stopping and keeping the best
@@ -349,6 +409,13 @@ def test_fit_resumes_from_its_checkpoint(tmp_path: Path):
     assert steps == [1, 2]
 
 
+def test_fit_hands_its_arguments_on(monkeypatch: pytest.MonkeyPatch):
+    told: dict[str, object] = {}
+    monkeypatch.setattr("tvae.train.fitting.train", lambda *arguments, **keywords: told.update(keywords))
+    model = fit(two_styles(10), device="cpu", encode_actions=False, dynamics=True, state_weight=0.5)
+    assert (model.encode_actions, model.dynamics, told["state_weight"]) == (False, True, 0.5)
+
+
 def test_training_leaves_the_randomness_of_others_alone(walks: tuple[Demonstrations, Demonstrations]):
     torch.manual_seed(8)
     expected = torch.rand(3)
@@ -413,6 +480,7 @@ def test_a_checkpoint_of_another_model_is_refused(walks: tuple[Demonstrations, D
     [
         ({"num_steps": 3}, r"num_steps 2 \(now 3\)"),
         ({"num_steps": 2, "seed": 1, "clip": 2.0}, r"clip 1.0 \(now 2.0\), seed 0 \(now 1\)"),
+        ({"num_steps": 2, "state_weight": 0.0}, r"state_weight 1.0 \(now 0.0\)"),
         ({"num_steps": 2, "schedule": RAISED_LATE}, r"schedule Constant\(beta=1.0\) \(now Piecewise"),
     ],
 )
@@ -450,6 +518,14 @@ def test_gradients_that_are_not_finite_are_an_error_in_words(walks: tuple[Demons
     with pytest.raises(TrainingError, match=r"step \d+: the gradient is not finite; .*Lower the learning rate"):
         train(model, *walks, schedule=Constant(), **{**QUICK, "learning_rate": 1e30}, observer=observer)
     assert len(steps) >= 1
+
+
+@pytest.mark.parametrize("weight", [-0.1, float("nan"), float("inf")])
+def test_impossible_weights_of_the_state_term_are_refused(
+    walks: tuple[Demonstrations, Demonstrations], weight: float
+):
+    with pytest.raises(ValueError, match=f"state_weight must be a number of at least 0, got {weight}"):
+        train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, state_weight=weight)
 
 
 @pytest.mark.parametrize("name", ["num_steps", "batch_size", "evaluate_every"])

@@ -33,6 +33,10 @@ class ModelConfig:
     """Smallest standard deviation of a next state, in typical one-step changes."""
     action_floor: float = 0.02
     """Smallest standard deviation of an action, in its own standard deviations (angles: radians)."""
+    encode_actions: bool = True
+    """Let the encoder read the actions beside the states."""
+    dynamics: bool = False
+    """Let the state decoder read the actions beside the states, so that it says what each leads to."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,8 @@ class TrainingConfig:
     """Of Adam, at the start."""
     clip: float = 1.0
     """Largest gradient norm of each of encoder, prior and decoders."""
+    state_weight: float = 1.0
+    """Weight of the state term; 0 trains without a state decoder."""
     kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.4, 1.0), (0.5, 10.0))
     """Weight of the KL term: straight lines between (progress, weight)."""
     evaluate_every: int = 100

@@ -123,6 +123,7 @@ def trained(
         batch_size=settings.batch_size,
         learning_rate=settings.learning_rate,
         clip=settings.clip,
+        state_weight=settings.state_weight,
         evaluate_every=settings.evaluate_every,
         patience=settings.patience,
         seed=config.seed,

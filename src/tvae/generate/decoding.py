@@ -63,7 +63,7 @@ class Fixed:
 
 
 class Recurrence:
-    """Feeds a decoder one state after another, remembering all of them or the last `window`."""
+    """Feeds a decoder the inputs of one step after another, remembering all of them or the last `window`."""
 
     def __init__(self, trunk: RecurrentTrunk, z: Float[Tensor, "N Z"], window: int | None) -> None:
         if window is not None and window < 1:

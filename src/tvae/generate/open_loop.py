@@ -32,7 +32,7 @@ def imagine(
     """Trajectories from the first observations `starts` (N, O) and `z` (N, Z), without an environment.
 
     Row i of the result holds the states that the state decoder imagines and the actions that the policy decoder
-    takes on them. Where the model has a stop term an episode ends by itself, at most after `num_steps`.
+    takes on them; with `dynamics`, the next state follows from that action. Where the model has a stop term an episode ends by itself, at most after `num_steps`.
 
     >>> from tvae.spaces import Continuous, Space
     >>> model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), stop=False)
@@ -52,8 +52,9 @@ def imagine(
     with seeded(seed, model.device):
         for step in range(1, num_steps + 1):
             features = normalizer.features(values)
-            actions.append(_rows(model.action_normalizer.raw(choice(policy.law(policy_memory.step(features))))))
-            remembered = state_memory.step(features)
+            action = choice(policy.law(policy_memory.step(features)))
+            actions.append(_rows(model.action_normalizer.raw(action)))
+            remembered = state_memory.step(model.state_decoder_inputs(features, action))
             values = choice(states.head(remembered, values))
             values[:, angular] = torch.remainder(values[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
             if not values.isfinite().all():

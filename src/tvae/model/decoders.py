@@ -1,4 +1,7 @@
-"""The two decoders, p(s_{t+1} | s_{1:t}, z) and pi(a_t | s_{1:t}, z): an LSTM over [s_t; z] and a head each."""
+"""The two decoders, p(s_{t+1} | s_{1:t}, z) and pi(a_t | s_{1:t}, z): an LSTM over [s_t; z] and a head each.
+
+As a dynamics model the state decoder reads the action of each step too, p(s_{t+1} | s_{1:t}, a_{1:t}, z).
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,10 @@ class Endless(nn.Module):
 
 
 class StateDecoder(nn.Module):
-    """p(s_{t+1} | s_{1:t}, z), by the change of state, and optionally p(end_t | s_{1:t}, z)."""
+    """p(s_{t+1} | s_{1:t}, z), by the change of state, and optionally p(end_t | s_{1:t}, z).
+
+    With `action_features` both laws are given a_{1:t} too.
+    """
 
     def __init__(
         self,
@@ -63,23 +69,25 @@ class StateDecoder(nn.Module):
         stop: bool,
         dropout: float = 0.0,
         num_components: int = 1,
+        action_features: int = 0,
     ) -> None:
         super().__init__()
-        self.trunk = RecurrentTrunk(space.num_features, latent_features, hidden_features, dropout)
+        self.trunk = RecurrentTrunk(space.num_features + action_features, latent_features, hidden_features, dropout)
         self.head = Head(space, self.trunk.num_features, floor=floor, num_components=num_components)
         self.stop = nn.Linear(self.trunk.num_features, 1) if stop else Endless()
 
     def forward(
         self,
-        states: Float[Tensor, "B T S"],
+        inputs: Float[Tensor, "B T F"],
         values: Float[Tensor, "B T O"],
         z: Float[Tensor, "B Z"],
     ) -> tuple[RowDistribution, Float[Tensor, "B T"]]:
         """The law of each next state's values, and the log-odds that the episode ends with this step.
 
-        `states` are features, `values` the same states as standardised rows.
+        `inputs` are features of the states, then of the actions if there are `action_features`; `values` are the
+        states as standardised rows.
         """
-        features, _ = self.trunk(states, z)
+        features, _ = self.trunk(inputs, z)
         return self.head(features, values), self.stop(features).squeeze(-1)
 
 

@@ -3,6 +3,9 @@
     ELBO(tau) = E_q[ sum_t log pi(a_t | s_1:t, z) + sum_t log p(s_t+1 | s_1:t, z) + sum_t log p(end_t | s_1:t, z) ]
                 - beta KL(q(z | tau) || p(z))
 
+For a model with `dynamics` the state and stop terms are given a_1:t too, and for one without `encode_actions` the
+posterior is q(z | s_1:T).
+
 The first state belongs to the world, not to the style, and has no term. Densities are of standardised values (and
 of angles in radians), so that they do not depend on the units of the data.
 """
@@ -33,14 +36,9 @@ class Elbo:
     kl: Float[Tensor, " B"]
     """KL(q(z | tau) || p(z))"""
 
-    @property
-    def likelihood(self) -> Float[Tensor, " B"]:
-        """The three log-likelihood terms together."""
-        return self.policy + self.state + self.stop
-
-    def value(self, beta: float = 1.0) -> Float[Tensor, " B"]:
-        """The bound, with the divergence weighted by `beta`."""
-        return self.likelihood - beta * self.kl
+    def value(self, beta: float = 1.0, state_weight: float = 1.0) -> Float[Tensor, " B"]:
+        """The bound, with the divergence weighted by `beta` and the state term by `state_weight`."""
+        return self.policy + state_weight * self.state + self.stop - beta * self.kl
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +83,7 @@ def log_likelihood(
     latent = z[windows.trajectory]
     actions = model.action_normalizer.values(batch.actions[at])
     policy = model.policy_decoder(states, latent).log_prob(actions)
-    following, log_odds = model.state_decoder(states, values, latent)
+    following, log_odds = model.state_decoder(model.state_decoder_inputs(states, actions), values, latent)
     state = following.log_prob(model.observation_normalizer.values(batch.next_observations[at]))
     last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(log_odds.dtype)
     stop = -binary_cross_entropy_with_logits(log_odds, last, reduction="none")

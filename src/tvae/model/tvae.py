@@ -56,6 +56,9 @@ class TrajectoryVAE(nn.Module):
         prior_components: K > 1 gives z a learned mixture of K Gaussians as its prior.
         state_floor: smallest standard deviation of a next state, in typical one-step changes.
         action_floor: smallest standard deviation of an action, in its own standard deviations (angles: radians).
+        encode_actions: whether the encoder reads the actions; without them it is q(z | s_1:T).
+        dynamics: whether the state decoder reads the actions, p(s_t+1 | s_1:t, a_1:t, z), and says what an action
+            leads to; without them it says what happens for that z, whatever is done.
 
     >>> from tvae.spaces import Angular, Continuous, Space
     >>> model = TrajectoryVAE(Space((Continuous("x"), Continuous("y"))), Space((Angular("heading"),)))
@@ -80,6 +83,8 @@ class TrajectoryVAE(nn.Module):
         prior_components: int = 1,
         state_floor: float = 0.1,
         action_floor: float = 0.02,
+        encode_actions: bool = True,
+        dynamics: bool = False,
     ) -> None:
         super().__init__()
         if window is not None and window < 1:
@@ -91,6 +96,8 @@ class TrajectoryVAE(nn.Module):
         self.latent_features = latent_features
         self.window = window
         self.stop = stop
+        self.encode_actions = encode_actions
+        self.dynamics = dynamics
         self.arguments = {
             "latent_features": latent_features,
             "hidden_features": hidden_features,
@@ -102,12 +109,16 @@ class TrajectoryVAE(nn.Module):
             "prior_components": prior_components,
             "state_floor": state_floor,
             "action_floor": action_floor,
+            "encode_actions": encode_actions,
+            "dynamics": dynamics,
         }
         self.observation_normalizer = Normalizer(observation_space)
         self.action_normalizer = Normalizer(action_space)
         states, actions = observation_space.num_features, action_space.num_features
         self.encoder = (
-            Encoder(states + actions, latent_features, hidden_features, dropout) if latent_features else NoEncoder()
+            Encoder(states + (actions if encode_actions else 0), latent_features, hidden_features, dropout)
+            if latent_features
+            else NoEncoder()
         )
         self.prior = (
             StandardNormal(latent_features)
@@ -122,6 +133,7 @@ class TrajectoryVAE(nn.Module):
             stop=stop,
             dropout=dropout,
             num_components=state_components,
+            action_features=actions if dynamics else 0,
         )
         self.policy_decoder = PolicyDecoder(
             states,
@@ -163,8 +175,19 @@ class TrajectoryVAE(nn.Module):
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | tau) of each trajectory of the batch, batch shape (B, Z)."""
         states = self.observation_normalizer.features(self.observation_normalizer.values(batch.observations))
+        if not self.encode_actions:
+            return self.encoder(states, batch.lengths)
         actions = self.action_normalizer.features(self.action_normalizer.values(batch.actions))
         return self.encoder(torch.cat([states, actions], dim=-1), batch.lengths)
+
+    def state_decoder_inputs(
+        self, states: Float[Tensor, "*batch S"], actions: Float[Tensor, "*batch A"]
+    ) -> Float[Tensor, "*batch F"]:
+        """What the state decoder reads at each step: the features `states`, with `dynamics` the action's beside them.
+
+        `actions` are standardised rows.
+        """
+        return torch.cat([states, self.action_normalizer.features(actions)], dim=-1) if self.dynamics else states
 
     def description(self) -> dict[str, Any]:
         """All but the weights, as plain data: format, schema version, spaces, constructor arguments."""

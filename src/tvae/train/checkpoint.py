@@ -31,9 +31,9 @@ class Terms:
     stop: float
     kl: float
 
-    def value(self, beta: float) -> float:
-        """The bound with the divergence weighted by `beta`."""
-        return self.policy + self.state + self.stop - beta * self.kl
+    def value(self, beta: float, state_weight: float = 1.0) -> float:
+        """The bound with the divergence weighted by `beta` and the state term by `state_weight`."""
+        return self.policy + state_weight * self.state + self.stop - beta * self.kl
 
 
 @dataclass(frozen=True)

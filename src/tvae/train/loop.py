@@ -50,6 +50,7 @@ def train(
     batch_size: int = 64,
     learning_rate: float = 2e-3,
     clip: float = 1.0,
+    state_weight: float = 1.0,
     evaluate_every: int = 200,
     patience: int = 10,
     seed: int = 0,
@@ -59,13 +60,15 @@ def train(
     """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
 
     Each step takes one batch of trajectories of similar lengths, cut into the model's windows at a random offset,
-    and one step of Adam on -(policy + state + stop - beta KL) / (mean length), its learning rate falling to
-    nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the norm
+    and one step of Adam on -(policy + state_weight state + stop - beta KL) / (mean length), its learning rate
+    falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the norm
     `clip` on its own, so that a sharp term cannot drown another.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled, the weights
     with the best one are kept (two are compared with the present weight of the KL term), and training ends early
-    when `patience` evaluations have not improved on it.
+    when `patience` evaluations have not improved on it. The state term has the weight `state_weight` there too.
+    With 0, z and the policy are learnt as if there were no state decoder, which stays as it was but for what the
+    stop term, if the model has one, teaches its trunk.
 
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
@@ -76,15 +79,20 @@ def train(
     for name, number in (("num_steps", num_steps), ("batch_size", batch_size), ("evaluate_every", evaluate_every)):
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")
+    if not 0 <= state_weight < math.inf:
+        raise ValueError(f"state_weight must be a number of at least 0, got {state_weight}")
     model.calibrate(demonstrations)
     optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate, fused=True)
-    steps = _Steps(model, optimizer, demonstrations, schedule, num_steps, batch_size, learning_rate, clip, seed)
+    steps = _Steps(
+        model, optimizer, demonstrations, schedule, num_steps, batch_size, learning_rate, clip, state_weight, seed
+    )
     settings = {
         "schedule": schedule,
         "num_steps": num_steps,
         "batch_size": batch_size,
         "learning_rate": learning_rate,
         "clip": clip,
+        "state_weight": state_weight,
         "evaluate_every": evaluate_every,
         "patience": patience,
         "seed": seed,
@@ -106,7 +114,7 @@ def train(
             terms, beta = steps.run(progress, end, observer)
             held = evaluate(model, held_out, batch_size=batch_size, seed=seed)
             record = Record(end, beta, _average(terms), held)
-            judged = _judge(progress, record, terms[-1].kl, schedule.settled * num_steps)
+            judged = _judge(progress, record, terms[-1].kl, schedule.settled * num_steps, state_weight)
             if judged.best_step == end:
                 best = _copy_of_weights(model)
             progress = replace(judged, finished=end == num_steps or judged.stale >= patience)
@@ -117,7 +125,7 @@ def train(
                 )
     model.load_state_dict(best)
     model.eval()
-    _diagnose(model, progress)
+    _diagnose(model, progress, state_weight)
     return progress.records
 
 
@@ -133,6 +141,7 @@ class _Steps:
     batch_size: int
     learning_rate: float
     clip: float
+    state_weight: float
     seed: int
 
     def run(self, progress: Progress, end: int, observer: Observer) -> tuple[list[Terms], float]:
@@ -151,7 +160,7 @@ class _Steps:
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
             terms = elbo(model, batch, _random_windows(model, batch))
             self.optimizer.zero_grad()
-            (-per_step * terms.value(beta).mean()).backward()
+            (-per_step * terms.value(beta, self.state_weight).mean()).backward()
             norms = [nn.utils.clip_grad_norm_(part.parameters(), self.clip) for part in parts]
             history.append(_mean(terms))
             if not torch.stack(norms).isfinite().all():
@@ -203,10 +212,10 @@ def _size(demonstrations: Demonstrations) -> str:
     return f"{len(demonstrations)} episodes of {demonstrations.num_steps} steps"
 
 
-def _judge(progress: Progress, record: Record, last_kl: float, settled: float) -> Progress:
+def _judge(progress: Progress, record: Record, last_kl: float, settled: float, state_weight: float) -> Progress:
     """The progress after one more evaluation; before step `settled`, the latest counts as the best."""
-    best = progress.best.held_out
-    improved = progress.best_step < settled or record.held_out.value(record.beta) > best.value(record.beta)
+    held_out, best = (terms.value(record.beta, state_weight) for terms in (record.held_out, progress.best.held_out))
+    improved = progress.best_step < settled or held_out > best
     return replace(
         progress,
         step=record.step,
@@ -218,7 +227,7 @@ def _judge(progress: Progress, record: Record, last_kl: float, settled: float) -
     )
 
 
-def _diagnose(model: TrajectoryVAE, progress: Progress) -> None:
+def _diagnose(model: TrajectoryVAE, progress: Progress, state_weight: float) -> None:
     """Warn in words where a training ended in one of the known ways to fail."""
     first, kept = progress.records[0].held_out, progress.best.held_out
     if model.latent_features and kept.kl < COLLAPSED_NATS:
@@ -229,10 +238,11 @@ def _diagnose(model: TrajectoryVAE, progress: Progress) -> None:
             TrainingWarning,
             stacklevel=3,
         )
-    if kept.policy + kept.state <= first.policy + first.state:
+    before, after = (terms.policy + state_weight * terms.state for terms in (first, kept))
+    if after <= before:
         warnings.warn(
             "nothing was learnt: held-out likelihood is no better than before training "
-            f"({kept.policy + kept.state:.1f} against {first.policy + first.state:.1f} nats a trajectory). Check that "
+            f"({after:.1f} against {before:.1f} nats a trajectory). Check that "
             "actions depend on observations, train for more steps, or lower the learning rate.",
             TrainingWarning,
             stacklevel=3,
