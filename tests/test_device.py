@@ -65,7 +65,9 @@ def test_randomness_inside_depends_on_the_seed_and_outside_on_nothing():
         assert not torch.equal(torch.rand(2), inside)
 
 
-@pytest.mark.parametrize("arguments", [{}, {"stop": True, "action_components": 2, "prior_components": 3, "dynamics": True}], ids=str)
+@pytest.mark.parametrize(
+    "arguments", [{}, {"stop": True, "action_components": 2, "prior_components": 3, "dynamics": True}], ids=str
+)
 def test_a_step_happens_where_the_weights_are(arguments: dict):
     """On torch's device without memory, where any tensor from elsewhere is an error."""
     meta = torch.device("meta")

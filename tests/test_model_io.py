@@ -11,8 +11,9 @@ from safetensors.torch import load_file, save_file
 
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.data.batches import batch_of
+from tvae.errors import ModelError
 from tvae.model.elbo import log_likelihood, whole
-from tvae.model.tvae import ModelError, TrajectoryVAE
+from tvae.model.tvae import TrajectoryVAE
 
 EXTREMES = {
     "plain": {},

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tvae.errors import ModelError
 from tvae.evaluate.encoding import Posteriors
 from tvae.evaluate.mixtures import Components, assign
+from tvae.pretrained import pretrained_directory
 from tvae.spaces import FloatArray, IntArray
 
 SCHEMA_VERSION = 1
@@ -105,6 +109,33 @@ class Playstyles:
             active,
             np.array(data["confusion"], dtype=np.float64),
         )
+
+    @classmethod
+    def load(cls, directory: str | Path) -> Playstyles:
+        """The playstyles in `playstyles.json` of a run's directory or of a shipped model's.
+
+        Raises `ModelError` for a directory that has none, or a file that holds something else.
+        """
+        path = Path(directory) / "playstyles.json"
+        if not path.is_file():
+            raise ModelError(f"{directory} holds no playstyles: it has no playstyles.json")
+        try:
+            return cls.from_json(json.loads(path.read_text(encoding="utf-8"))["playstyles"])
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ModelError(f"{path} does not hold playstyles: {error}") from error
+
+    @classmethod
+    def from_pretrained(cls, name: str | Path) -> Playstyles:
+        """The styles of the model of this name that comes with the package, or those in a directory, as `load`.
+
+        Episodes (`assignment`, prototypes) are those of the demonstrations that the model was trained on. Raises
+        `ModelError` for a name that is neither; the message says which names there are.
+
+        >>> Playstyles.from_pretrained("chess")  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        tvae.errors.ModelError: there is no model 'chess': ...
+        """
+        return cls.load(pretrained_directory(name))
 
 
 def _style_to_json(style: Style) -> dict[str, Any]:

@@ -32,7 +32,8 @@ def imagine(
     """Trajectories from the first observations `starts` (N, O) and `z` (N, Z), without an environment.
 
     Row i of the result holds the states that the state decoder imagines and the actions that the policy decoder
-    takes on them; with `dynamics`, the next state follows from that action. Where the model has a stop term an episode ends by itself, at most after `num_steps`.
+    takes on them; for a model with `dynamics` each action is taken into account in the next state. Where the model
+    has a stop term an episode ends by itself, at most after `num_steps`.
 
     >>> from tvae.spaces import Continuous, Space
     >>> model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), stop=False)

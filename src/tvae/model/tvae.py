@@ -17,19 +17,16 @@ from torch.distributions import Normal
 from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
-from tvae.errors import TvaeError
+from tvae.errors import ModelError
 from tvae.files import appearing
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
+from tvae.pretrained import pretrained_directory
 from tvae.spaces import IntArray, Space
 
 SCHEMA_VERSION = 1
 _CALIBRATION_ROWS = 1_000_000
-
-
-class ModelError(TvaeError):
-    """A model directory that cannot be loaded; the message says why."""
 
 
 class TrajectoryVAE(nn.Module):
@@ -242,6 +239,22 @@ class TrajectoryVAE(nn.Module):
             raise ModelError(f"{directory / 'model.safetensors'} holds another model's weights: {error}") from error
         model.eval()
         return model
+
+    @classmethod
+    def from_pretrained(cls, name: str | Path) -> TrajectoryVAE:
+        """The model of this name that comes with the package, or the one in the directory of this path, as `load`.
+
+        Its styles are `tvae.Playstyles.from_pretrained(name)`. Raises `ModelError` for a name that is neither; the
+        message says which names there are.
+
+        >>> from tempfile import mkdtemp
+        >>> from tvae.spaces import Continuous, Space
+        >>> directory = mkdtemp()
+        >>> TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), latent_features=3).save(directory)
+        >>> TrajectoryVAE.from_pretrained(directory).latent_features
+        3
+        """
+        return cls.load(pretrained_directory(name))
 
 
 def _spread(starts: IntArray, counts: IntArray) -> IntArray:

@@ -61,8 +61,8 @@ def train(
 
     Each step takes one batch of trajectories of similar lengths, cut into the model's windows at a random offset,
     and one step of Adam on -(policy + state_weight state + stop - beta KL) / (mean length), its learning rate
-    falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the norm
-    `clip` on its own, so that a sharp term cannot drown another.
+    falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the
+    norm `clip` on its own, so that a sharp term cannot drown another.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled, the weights
     with the best one are kept (two are compared with the present weight of the KL term), and training ends early
