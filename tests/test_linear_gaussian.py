@@ -20,9 +20,9 @@ from toys import noise
 from tvae.data.batches import TrajectoryBatch, batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.heads import Head
-from tvae.model.decoders import RecurrentTrunk
 from tvae.model.elbo import cut, elbo, log_likelihood, whole
 from tvae.model.latent import GaussianMixture
+from tvae.model.trunks import ReactiveTrunk
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import Continuous, Space
 
@@ -33,15 +33,15 @@ LENGTHS = [6, 1, 4, 6]
 
 @dataclass(frozen=True)
 class Linear:
-    """mean = matrix [s; z] + offset, with independent noise of these standard deviations, in standardised units."""
+    """mean = matrix [s; d; z] + offset, d the last change in its unit, with independent noise of these standard deviations, in standardised units."""
 
     matrix: np.ndarray
     offset: np.ndarray
     noise: np.ndarray
 
 
-def make_linear(trunk: RecurrentTrunk, head: Head, random: np.random.Generator, z_gain: np.ndarray) -> Linear:
-    """Give the decoder weights that make it exactly linear in [s; z]: silu(x) - silu(-x) = x, and no memory."""
+def make_linear(trunk: ReactiveTrunk, head: Head, random: np.random.Generator, z_gain: np.ndarray) -> Linear:
+    """Give the decoder weights that make it exactly linear in [s; d; z]: silu(x) - silu(-x) = x, and no memory."""
     for parameter in trunk.recurrent.parameters():
         nn.init.zeros_(parameter)
     number, inputs = len(z_gain), trunk.recurrent.input_size
@@ -88,10 +88,12 @@ def residuals(demonstrations: Demonstrations, index: int, model: TrajectoryVAE, 
     actions = model.action_normalizer.values(torch.from_numpy(episode.actions)).numpy()
     parts, gains, noises = [], [], []
     before = states[: len(actions)]
+    changes = np.diff(before, axis=0, prepend=before[:1]) / model.policy_decoder.trunk.unit.numpy()
+    seen = np.concatenate([before, changes], axis=1)
     after = states[1:] - before[: len(states) - 1]
     for law, values in zip(laws, (after, actions), strict=True):
         on_state, on_latent = law.matrix[:, :-LATENT], law.matrix[:, -LATENT:]
-        for present, value in zip(before, values, strict=False):
+        for present, value in zip(seen, values, strict=False):
             parts.append(value - on_state @ present - law.offset)
             gains.append(on_latent)
             noises.append(law.noise)

@@ -5,7 +5,7 @@ import torch
 from jaxtyping import TypeCheckError
 from torch import Tensor, nn
 
-from tvae.model.decoders import RecurrentTrunk
+from tvae.model.trunks import PlainTrunk, ReactiveTrunk, Trunk
 from tvae.model.encoder import Encoder
 from tvae.nets import PooledBidirectionalLSTM, masked_mean, reverse_within
 
@@ -63,14 +63,25 @@ def test_mean_is_over_the_steps_of_the_mask(sequence: Tensor):
     torch.testing.assert_close(masked_mean(sequence, mask), expected)
 
 
-def test_trunk_fed_step_by_step_is_the_trunk_fed_at_once(sequence: Tensor):
-    trunk, z = RecurrentTrunk(4, 2, 6, dropout=0.0), torch.randn(5, 2)
+@pytest.mark.parametrize("kind", [PlainTrunk, ReactiveTrunk])
+def test_trunk_fed_step_by_step_is_the_trunk_fed_at_once(sequence: Tensor, kind: type[Trunk]):
+    trunk, z = kind(4, 2, 6), torch.randn(5, 2)
+    trunk.unit.copy_(torch.tensor([0.5, 1.0, 2.0, 4.0]))
     at_once, last = trunk(sequence, z)
     memory = None
     for step in range(5):
         features, memory = trunk(sequence[:, step : step + 1], z, memory)
         torch.testing.assert_close(features[:, 0], at_once[:, step], rtol=1e-5, atol=1e-6)
     torch.testing.assert_close(memory, last, rtol=1e-5, atol=1e-6)
+
+
+def test_a_reactive_trunk_sees_the_last_change_in_its_unit(sequence: Tensor):
+    trunk, z = ReactiveTrunk(4, 2, 6), torch.randn(5, 2)
+    trunk.unit.fill_(0.5)
+    features, _ = trunk(sequence, z)
+    changes = features[..., -6:-2]
+    assert not changes[:, 0].any()
+    torch.testing.assert_close(changes[:, 1:], 2 * (sequence[:, 1:] - sequence[:, :-1]))
 
 
 def test_shapes_are_checked_in_tests(sequence: Tensor):
@@ -87,11 +98,11 @@ def test_posterior_never_loses_its_width(sequence: Tensor):
     assert law.stddev.min() > 1e-4
 
 
-@pytest.mark.parametrize("part", ["trunk", "encoder"])
+@pytest.mark.parametrize("part", ["plain", "reactive", "encoder"])
 def test_dropout_is_active_in_training_only(sequence: Tensor, part: str):
-    nets = {"trunk": RecurrentTrunk(4, 2, 6, dropout=0.5), "encoder": Encoder(4, 2, 6, dropout=0.5)}
+    nets = {"plain": PlainTrunk(4, 2, 6, dropout=0.5), "reactive": ReactiveTrunk(4, 2, 6, dropout=0.5), "encoder": Encoder(4, 2, 6, dropout=0.5)}
     net = nets[part]
-    inputs = (sequence, torch.zeros(5, 2)) if part == "trunk" else (sequence, LENGTHS)
+    inputs = (sequence, LENGTHS) if part == "encoder" else (sequence, torch.zeros(5, 2))
 
     def output() -> Tensor:
         result = net(*inputs)

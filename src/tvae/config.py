@@ -35,6 +35,8 @@ class ModelConfig:
     """Smallest standard deviation of an action, in its own standard deviations (angles: radians)."""
     encode_actions: bool = True
     """Let the encoder read the actions beside the states."""
+    reactive: bool = True
+    """Let the decoders' heads see the present state and its last change beside what the LSTM remembers."""
     dynamics: bool = False
     """Let the state decoder read the actions beside the states, so that it says what each leads to."""
 

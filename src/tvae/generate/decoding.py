@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from tvae.distributions import RowDistribution
-from tvae.model.decoders import Memory, RecurrentTrunk
+from tvae.model.trunks import Memory, Trunk
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray
 
@@ -65,7 +65,7 @@ class Fixed:
 class Recurrence:
     """Feeds a decoder the inputs of one step after another, remembering all of them or the last `window`."""
 
-    def __init__(self, trunk: RecurrentTrunk, z: Float[Tensor, "N Z"], window: int | None) -> None:
+    def __init__(self, trunk: Trunk, z: Float[Tensor, "N Z"], window: int | None) -> None:
         if window is not None and window < 1:
             raise ValueError(f"window must be at least 1 step, got {window}")
         self._trunk = trunk

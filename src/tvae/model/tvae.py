@@ -22,10 +22,11 @@ from tvae.files import appearing
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
+from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
 from tvae.spaces import IntArray, Space
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _CALIBRATION_ROWS = 1_000_000
 
 
@@ -54,6 +55,8 @@ class TrajectoryVAE(nn.Module):
         state_floor: smallest standard deviation of a next state, in typical one-step changes.
         action_floor: smallest standard deviation of an action, in its own standard deviations (angles: radians).
         encode_actions: whether the encoder reads the actions; without them it is q(z | s_1:T).
+        reactive: whether the decoders' heads see the present state and its last change beside what the LSTM
+            remembers (`ReactiveTrunk`); without it they see the LSTM's output alone, as in the paper (`PlainTrunk`).
         dynamics: whether the state decoder reads the actions, p(s_t+1 | s_1:t, a_1:t, z), and says what an action
             leads to; without them it says what happens for that z, whatever is done.
 
@@ -81,6 +84,7 @@ class TrajectoryVAE(nn.Module):
         state_floor: float = 0.1,
         action_floor: float = 0.02,
         encode_actions: bool = True,
+        reactive: bool = True,
         dynamics: bool = False,
     ) -> None:
         super().__init__()
@@ -107,6 +111,7 @@ class TrajectoryVAE(nn.Module):
             "state_floor": state_floor,
             "action_floor": action_floor,
             "encode_actions": encode_actions,
+            "reactive": reactive,
             "dynamics": dynamics,
         }
         self.observation_normalizer = Normalizer(observation_space)
@@ -122,23 +127,18 @@ class TrajectoryVAE(nn.Module):
             if prior_components == 1
             else GaussianMixture(latent_features, prior_components)
         )
+        trunk = ReactiveTrunk if reactive else PlainTrunk
         self.state_decoder = StateDecoder(
             observation_space,
-            latent_features,
-            hidden_features,
+            trunk(states + (actions if dynamics else 0), latent_features, hidden_features, dropout),
             floor=state_floor,
             stop=stop,
-            dropout=dropout,
             num_components=state_components,
-            action_features=actions if dynamics else 0,
         )
         self.policy_decoder = PolicyDecoder(
-            states,
             action_space,
-            latent_features,
-            hidden_features,
+            trunk(states, latent_features, hidden_features, dropout),
             floor=action_floor,
-            dropout=dropout,
             num_components=action_components,
         )
 
@@ -158,16 +158,18 @@ class TrajectoryVAE(nn.Module):
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
             normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
         before = _spread(first, demos.lengths - 1 + demos.final_observed)
-        change = torch.from_numpy(demos.observations[before + 1] - demos.observations[before])
-        self.state_decoder.head.unit.copy_(self._typical(change))
-
-    def _typical(self, change: Float[Tensor, "N O"]) -> Float[Tensor, " O"]:
-        """Root mean square change of each column's values in one step; 1 for a column that never changes."""
+        states = [
+            self.observation_normalizer.values(torch.from_numpy(demos.observations[rows]).to(self.device))
+            for rows in (before, before + 1)
+        ]
+        change = states[1] - states[0]
         angular = self.observation_space.angular
         change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
-        std = self.observation_normalizer.std
-        typical = change.square().mean(0).sqrt().to(std) / std
-        return torch.where(typical > 1e-6, typical, torch.ones_like(typical))
+        self.state_decoder.head.unit.copy_(_typical(change))
+        features = [self.observation_normalizer.features(values) for values in states]
+        unit = _typical(features[1] - features[0])
+        for decoder in (self.state_decoder, self.policy_decoder):
+            decoder.trunk.unit[: len(unit)] = unit
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | tau) of each trajectory of the batch, batch shape (B, Z)."""
@@ -255,6 +257,12 @@ class TrajectoryVAE(nn.Module):
         3
         """
         return cls.load(pretrained_directory(name))
+
+
+def _typical(change: Float[Tensor, "N C"]) -> Float[Tensor, " C"]:
+    """Root mean square of each column; 1 for one that never changes."""
+    typical = change.square().mean(0).sqrt()
+    return torch.where(typical > 1e-6, typical, torch.ones_like(typical))
 
 
 def _spread(starts: IntArray, counts: IntArray) -> IntArray:

@@ -26,6 +26,7 @@ def fit(
     state_components: int = 1,
     prior_components: int = 1,
     encode_actions: bool = True,
+    reactive: bool = True,
     dynamics: bool = False,
     schedule: KLSchedule = RAISED_LATE,
     num_steps: int = 3_000,
@@ -61,6 +62,7 @@ def fit(
         state_components=state_components,
         prior_components=prior_components,
         encode_actions=encode_actions,
+        reactive=reactive,
         dynamics=dynamics,
     )
     train(

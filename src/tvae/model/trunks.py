@@ -1,0 +1,109 @@
+"""What a decoder remembers: h_t from s_{1:t} and z. Two readings of "an LSTM over [s_t; z]".
+
+- `PlainTrunk`: the LSTM alone, as the paper has it;
+- `ReactiveTrunk`: the LSTM beside a short way from the present state and its last change to the head.
+
+The recurrent state starts at zero, so z is all that is known of what came before.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import silu
+
+
+class Memory(NamedTuple):
+    """What a trunk carries from step to step."""
+
+    hidden: Tensor
+    """(1, B, H) of the LSTM."""
+    cell: Tensor
+    """(1, B, H) of the LSTM."""
+    last: Tensor
+    """(B, 1, S) the last input."""
+
+
+class Trunk(nn.Module, ABC):
+    """Features of s_{1:t} and z at every step t."""
+
+    unit: Tensor
+
+    def __init__(self, in_features: int, num_features: int) -> None:
+        super().__init__()
+        self.num_features = num_features
+        """Width of what `forward` gives."""
+        self.register_buffer("unit", torch.ones(in_features))
+
+    @abstractmethod
+    def forward(
+        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
+    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        """Features (B, T, F) after each input, and the memory behind the last one."""
+
+
+class PlainTrunk(Trunk):
+    """An LSTM over [s_t; z]; dropout touches what it gives.
+
+    >>> trunk = PlainTrunk(in_features=3, latent_features=2, hidden_features=8)
+    >>> features, _ = trunk(torch.zeros(5, 7, 3), torch.zeros(5, 2))
+    >>> features.shape[-1] == trunk.num_features == 8
+    True
+    """
+
+    def __init__(
+        self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0
+    ) -> None:
+        super().__init__(in_features, hidden_features)
+        self.dropout = nn.Dropout(dropout)
+        self.recurrent = nn.LSTM(in_features + latent_features, hidden_features, batch_first=True)
+
+    def forward(
+        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
+    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        joined = torch.cat([inputs, _at_every_step(z, inputs)], dim=-1)
+        remembered, (hidden, cell) = self.recurrent(joined, None if memory is None else memory[:2])
+        return self.dropout(remembered), Memory(hidden, cell, inputs[:, -1:])
+
+
+class ReactiveTrunk(Trunk):
+    """An LSTM over x_t = [s_t; d_t; z], where d_t = (s_t - s_{t-1}) / unit is the last change; d is 0 at the first.
+
+    `unit` is the typical change in one step, so that a heading or a speed, which are small next to the span of the
+    places where they occur, is seen as clearly as the place. x_t joins the LSTM's output in one further layer, and
+    joins that layer's output too: reacting to what is seen now needs no detour through memory, and following it
+    ("go where it is") is linear. Dropout touches what is remembered and mixed, never x_t: who cannot see clearly
+    cannot steer.
+
+    >>> trunk = ReactiveTrunk(in_features=3, latent_features=2, hidden_features=8)
+    >>> features, _ = trunk(torch.zeros(5, 7, 3), torch.zeros(5, 2))
+    >>> features.shape[-1] == trunk.num_features == 8 + 3 + 3 + 2
+    True
+    """
+
+    def __init__(
+        self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0
+    ) -> None:
+        seen = 2 * in_features + latent_features
+        super().__init__(in_features, hidden_features + seen)
+        self.dropout = nn.Dropout(dropout)
+        self.recurrent = nn.LSTM(seen, hidden_features, batch_first=True)
+        self.mix = nn.Linear(seen + hidden_features, hidden_features)
+
+    def forward(
+        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
+    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        last = inputs[:, :1] if memory is None else memory.last
+        changes = (inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit
+        seen = torch.cat([inputs, changes, _at_every_step(z, inputs)], dim=-1)
+        remembered, (hidden, cell) = self.recurrent(seen, None if memory is None else memory[:2])
+        mixed = silu(self.mix(torch.cat([seen, self.dropout(remembered)], dim=-1)))
+        return torch.cat([self.dropout(mixed), seen], dim=-1), Memory(hidden, cell, inputs[:, -1:])
+
+
+def _at_every_step(z: Float[Tensor, "B Z"], inputs: Float[Tensor, "B T S"]) -> Float[Tensor, "B T Z"]:
+    return z[:, None].expand(-1, inputs.shape[1], -1)
