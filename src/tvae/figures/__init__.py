@@ -1,1 +1,1 @@
-"""Pictures: latent space, trajectories, training curves. Every function takes data and returns a figure."""
+"""Pictures: latent space, trajectories, training, the paper's figures. Every function takes data and gives a figure."""

@@ -17,6 +17,10 @@ from matplotlib.figure import Figure
 from tvae.figures.palette import INK, MUTED, PAPER
 from tvae.files import appearing
 
+SINGLE_COLUMN = 3.4
+DOUBLE_COLUMN = 7.0
+"""Widths of a figure on a page of two columns, in inches."""
+
 TEXT_SIZE = 8.0
 SMALL_TEXT_SIZE = 7.0
 

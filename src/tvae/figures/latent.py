@@ -91,21 +91,7 @@ def latent_space(
     axes = plain_axes(figure.add_subplot(), x=plane.axis_names[0], y=plane.axis_names[1])
     if deviations is not None and not strip:
         _draw_deviations(axes, plane, deviations, assignment)
-    handles = []
-    for style in styles:
-        points = plane.points[assignment == style]
-        (line,) = axes.plot(
-            *points.T,
-            linestyle="",
-            marker=style_marker(int(style)),
-            markersize=4.2,
-            markerfacecolor=style_colour(int(style)),
-            markeredgecolor=PAPER,
-            markeredgewidth=0.4,
-            alpha=0.85,
-            rasterized=len(means) > 5000,
-        )
-        handles.append(line)
+    handles = draw_points(axes, plane.points, assignment)
     if strip:
         axes.set_yticks([])
         axes.spines["left"].set_visible(False)
@@ -113,6 +99,29 @@ def latent_space(
         axes.set_aspect("equal", adjustable="datalim")
     _legend(figure, handles, [f"{names[style]} ({(assignment == style).sum():,})" for style in styles])
     return figure
+
+
+def draw_points(axes: Axes, points: FloatArray, assignment: IntArray, *, size: float = 4.2) -> list[Line2D]:
+    """Points (N, 2) in the colour and with the marker of their style, `size` points wide; a line for each style.
+
+    >>> axes = new_figure(2, 2).add_subplot()
+    >>> [line.get_marker() for line in draw_points(axes, np.zeros((3, 2)), np.array([0, 1, 1]))]
+    ['o', '^']
+    """
+    return [
+        axes.plot(
+            *points[assignment == style].T,
+            linestyle="",
+            marker=style_marker(int(style)),
+            markersize=size,
+            markerfacecolor=style_colour(int(style)),
+            markeredgecolor=PAPER,
+            markeredgewidth=0.4,
+            alpha=0.85,
+            rasterized=len(points) > 5000,
+        )[0]
+        for style in np.unique(assignment)
+    ]
 
 
 def _draw_deviations(axes: Axes, plane: LatentPlane, deviations: FloatArray, assignment: IntArray) -> None:
