@@ -33,7 +33,8 @@ LENGTHS = [6, 1, 4, 6]
 
 @dataclass(frozen=True)
 class Linear:
-    """mean = matrix [s; d; z] + offset, d the last change in its unit, with independent noise of these standard deviations, in standardised units."""
+    """mean = matrix [s; d; z] + offset, where nothing depends on the last change d, with independent noise of these
+    standard deviations, in standardised units."""
 
     matrix: np.ndarray
     offset: np.ndarray
@@ -47,6 +48,7 @@ def make_linear(trunk: ReactiveTrunk, head: Head, random: np.random.Generator, z
     number, inputs = len(z_gain), trunk.recurrent.input_size
     matrix = 0.3 * random.normal(size=(number, inputs))
     matrix[:, -LATENT:] = z_gain
+    matrix[:, 2:-LATENT] = 0  # windows begin without a last change
     offset, spread = random.normal(size=number), random.normal(size=number)
     with torch.no_grad():
         trunk.mix.weight.zero_()
@@ -88,12 +90,10 @@ def residuals(demonstrations: Demonstrations, index: int, model: TrajectoryVAE, 
     actions = model.action_normalizer.values(torch.from_numpy(episode.actions)).numpy()
     parts, gains, noises = [], [], []
     before = states[: len(actions)]
-    changes = np.diff(before, axis=0, prepend=before[:1]) / model.policy_decoder.trunk.unit.numpy()
-    seen = np.concatenate([before, changes], axis=1)
     after = states[1:] - before[: len(states) - 1]
     for law, values in zip(laws, (after, actions), strict=True):
-        on_state, on_latent = law.matrix[:, :-LATENT], law.matrix[:, -LATENT:]
-        for present, value in zip(seen, values, strict=False):
+        on_state, on_latent = law.matrix[:, :2], law.matrix[:, -LATENT:]
+        for present, value in zip(before, values, strict=False):
             parts.append(value - on_state @ present - law.offset)
             gains.append(on_latent)
             noises.append(law.noise)

@@ -5,8 +5,8 @@ import torch
 from jaxtyping import TypeCheckError
 from torch import Tensor, nn
 
-from tvae.model.trunks import PlainTrunk, ReactiveTrunk, Trunk
 from tvae.model.encoder import Encoder
+from tvae.model.trunks import PlainTrunk, ReactiveTrunk, Trunk
 from tvae.nets import PooledBidirectionalLSTM, masked_mean, reverse_within
 
 LENGTHS = torch.tensor([5, 1, 3, 5, 2])
@@ -100,7 +100,11 @@ def test_posterior_never_loses_its_width(sequence: Tensor):
 
 @pytest.mark.parametrize("part", ["plain", "reactive", "encoder"])
 def test_dropout_is_active_in_training_only(sequence: Tensor, part: str):
-    nets = {"plain": PlainTrunk(4, 2, 6, dropout=0.5), "reactive": ReactiveTrunk(4, 2, 6, dropout=0.5), "encoder": Encoder(4, 2, 6, dropout=0.5)}
+    nets = {
+        "plain": PlainTrunk(4, 2, 6, dropout=0.5),
+        "reactive": ReactiveTrunk(4, 2, 6, dropout=0.5),
+        "encoder": Encoder(4, 2, 6, dropout=0.5),
+    }
     net = nets[part]
     inputs = (sequence, LENGTHS) if part == "encoder" else (sequence, torch.zeros(5, 2))
 
