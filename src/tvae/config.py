@@ -27,8 +27,8 @@ class ModelConfig:
     """Laws in the mixture of each action."""
     state_components: int = 1
     """Laws in the mixture of each next state; more for worlds that mostly rest and then leap."""
-    prior_components: int = 1
-    """Gaussians in the prior of z."""
+    prior_components: int = 4
+    """Gaussians in the prior of z. With several, styles can lie apart at no cost, and none bleeds into another."""
     state_floor: float = 0.1
     """Smallest standard deviation of a next state, in typical one-step changes."""
     action_floor: float = 0.02

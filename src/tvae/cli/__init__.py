@@ -51,6 +51,12 @@ _VERBS = (
         "tvae rollout runs/zombie --style attack --episodes 1000 --out attack.parquet",
     ),
     (app, "evaluate", "Measure a run: likelihood, styles, bots.", "tvae evaluate runs/zombie --episodes 1000"),
+    (
+        app,
+        "reproduce",
+        "Reproduce the paper: its tasks, figures and numbers.",
+        "tvae reproduce zombie --out results --seeds 5",
+    ),
     (app, "report", "Write the page of a run anew.", "tvae report runs/sessions"),
     (data, "info", "Show what is in a data set.", "tvae data info sessions.parquet"),
     (data, "validate", "List everything that is wrong with a table.", "tvae data validate sessions.csv"),

@@ -45,6 +45,7 @@ def pusht(data: Path | None, seed: int) -> Recipe:
                 stop=False,
                 action_components=5,
                 state_components=5,
+                prior_components=1,
             ),
             training=TrainingConfig(
                 num_steps=1_500, batch_size=32, learning_rate=3e-3, patience=15, held_out=0.15
@@ -65,7 +66,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
             module.overcooked_demonstrations(path, ["coordination_ring"]), 200, minimum=100
         ),
         config=RunConfig(
-            model=ModelConfig(latent_features=8, hidden_features=64, dropout=0.2, window=4, stop=False),
+            model=ModelConfig(latent_features=8, hidden_features=64, dropout=0.2, window=4, stop=False, prior_components=1),
             training=TrainingConfig(
                 num_steps=600,
                 batch_size=16,

@@ -90,8 +90,6 @@ class TrajectoryVAE(nn.Module):
         super().__init__()
         if window is not None and window < 1:
             raise ValueError(f"window must be at least 1 step, got {window}")
-        if latent_features == 0 and prior_components > 1:
-            raise ValueError(f"a mixture of {prior_components} priors needs latent features, got 0")
         self.observation_space = observation_space
         self.action_space = action_space
         self.latent_features = latent_features
@@ -124,7 +122,7 @@ class TrajectoryVAE(nn.Module):
         )
         self.prior = (
             StandardNormal(latent_features)
-            if prior_components == 1
+            if prior_components == 1 or latent_features == 0
             else GaussianMixture(latent_features, prior_components)
         )
         trunk = ReactiveTrunk if reactive else PlainTrunk

@@ -24,7 +24,7 @@ def fit(
     stop: bool = True,
     action_components: int = 1,
     state_components: int = 1,
-    prior_components: int = 1,
+    prior_components: int = 4,
     encode_actions: bool = True,
     reactive: bool = True,
     dynamics: bool = False,

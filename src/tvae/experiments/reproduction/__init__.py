@@ -1,0 +1,1 @@
+"""`tvae reproduce`: the paper's three tasks, its figures, and the numbers behind them, over several seeds."""

@@ -1,0 +1,42 @@
+"""How errors grow with the steps taken: T-VAE beside behavioural cloning, over all seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tvae.evaluate.over_seeds import band
+from tvae.experiments.reproduction.numbers import Picture, stacked
+from tvae.figures.horizon import horizon
+from tvae.figures.panels import Band
+
+_NAMES = {
+    "default": "T-VAE",
+    "paper": "T-VAE, the paper's reading",
+    "cloning_lstm": "behavioural cloning, LSTM",
+    "cloning_memoryless": "behavioural cloning, memoryless",
+}
+
+
+def horizon_picture(runs: Mapping[str, Sequence[Mapping[str, Any]]], error: str) -> Picture:
+    """Mean error at each step, with 95 % intervals over seeds; a bot starts where demonstrations start."""
+    bands, tables = {}, []
+    for preset, name in _NAMES.items():
+        if not runs.get(preset):
+            continue
+        mean, low, high = band(np.array([run["horizon"] for run in runs[preset]])[:, 1:])
+        bands[name] = Band(mean, low.clip(0), high)
+        steps = len(mean)
+        tables.append(
+            {
+                "method": [name] * steps,
+                "step": list(range(1, steps + 1)),
+                "error": mean.round(5).tolist(),
+                "low": low.round(5).tolist(),
+                "high": high.round(5).tolist(),
+            }
+        )
+    facts = {"error": error, "seeds": {name: len(metrics) for name, metrics in runs.items()}}
+    return Picture("figure-horizon", horizon(bands, y=error), stacked(tables), facts)

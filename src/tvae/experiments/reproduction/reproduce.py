@@ -1,0 +1,135 @@
+"""The whole reproduction: train what is not trained yet, put the seeds together, draw."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+
+from tvae.experiments.progress import counting
+from tvae.experiments.reproduction.cells import Cell, Effort
+from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS
+from tvae.experiments.reproduction.studies import STUDIES
+from tvae.experiments.reproduction.summary import summary, write_table
+from tvae.experiments.run_directory import write_json
+from tvae.figures.architecture import architecture
+from tvae.figures.canvas import save
+from tvae.figures.video import require_video, save_animation
+
+TASKS = tuple(STUDIES)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to reproduce, where, and how thoroughly.
+
+    OUT/TASK/ holds our default's `metrics.json` and pictures, OUT/TASK/paper/ those of the paper's reading,
+    OUT/cells/TASK/PRESET/seed-K/ each training: a cell that is there is not made again.
+    """
+
+    tasks: Sequence[str]
+    out: Path
+    num_seeds: int
+    effort: Effort
+    ablations: bool
+    """Train the ablations too."""
+    command: str
+
+    def cells(self, task: str, preset: str) -> list[Cell]:
+        """One for each seed."""
+        home = self.out / "cells" / task / preset
+        return [Cell(task, preset, seed, home / f"seed-{seed}", self.effort) for seed in range(self.num_seeds)]
+
+    def presets(self, task: str) -> list[str]:
+        """What is trained for a task."""
+        return [*PRESETS[task], *BESIDE[task], *(ABLATIONS[task] if self.ablations else ())]
+
+    def directory(self, task: str, preset: str) -> Path:
+        """Where a preset's results go."""
+        return self.out / task if preset == "default" else self.out / task / preset
+
+    def all_cells(self) -> list[Cell]:
+        """Of all tasks, our default first."""
+        return [cell for task in self.tasks for preset in self.presets(task) for cell in self.cells(task, preset)]
+
+
+def reproduce(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
+    """Do all of `plan`, `jobs` trainings at a time, each on one core; with `force` make its cells anew.
+
+    Raises `CellError` before anything is trained where a stored cell is another one than asked for.
+    """
+    if "zombie" in plan.tasks:
+        require_video()
+    cells = plan.all_cells()
+    if force:
+        for cell in cells:
+            shutil.rmtree(cell.directory, ignore_errors=True)
+    waiting = [cell for cell in cells if not cell.is_finished()]
+    console.print(f"{len(cells)} trainings, {len(cells) - len(waiting)} of them done already")
+    train_all(waiting, jobs=jobs, console=console)
+    for task in plan.tasks:
+        finish(plan, task, console=console)
+    save(architecture(), plan.out / "architecture")
+
+
+def train_all(cells: Sequence[Cell], *, jobs: int, console: Console) -> None:
+    """Make these cells; the first that fails ends all of them."""
+    with counting("trainings", len(cells), console) as done, _workers(min(jobs, max(len(cells), 1))) as pool:
+        results = {pool.submit(_make, cell): cell for cell in cells}
+        try:
+            for count, result in enumerate(as_completed(results), 1):
+                result.result()
+                console.print(f"{results[result].name}: done", highlight=False)
+                done(count)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+@contextmanager
+def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
+    # A fresh process for each: threads and random numbers of one training cannot touch another's.
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        yield pool
+
+
+def _make(cell: Cell) -> None:
+    torch.set_num_threads(1)
+    cell.run()
+
+
+def finish(plan: Plan, task: str, *, console: Console) -> None:
+    """The results of a task from its cells."""
+    study = STUDIES[task]
+    runs: dict[str, list[dict[str, Any]]] = {
+        preset: [cell.read() for cell in plan.cells(task, preset)] for preset in plan.presets(task)
+    }
+    summaries = {preset: summary(found) for preset, found in runs.items()}
+    for preset in PRESETS[task]:
+        directory = plan.directory(task, preset)
+        directory.mkdir(parents=True, exist_ok=True)
+        beside = {name: summaries[name] for name in BESIDE[task]} if preset == "default" else {}
+        write_json(directory / "metrics.json", {**summaries[preset], **({"beside": beside} if beside else {})})
+        subject = plan.cells(task, preset)[0].subject()
+        for picture in study.draw(subject):
+            picture.write(directory)
+        for name, animation in study.animations(subject).items():
+            save_animation(animation, directory / name)
+        console.print(f"{task}, {preset}: {directory}", highlight=False)
+    home = plan.directory(task, "default")
+    for picture in study.draw_across(runs):
+        picture.write(home)
+    shown = {name: summaries[name] for name in [*PRESETS[task], *BESIDE[task]]}
+    write_table(shown, study.title, plan.command, home / "README.md")
+    if plan.ablations and ABLATIONS[task]:
+        table = {name: summaries[name] for name in ["default", *ABLATIONS[task]]}
+        write_json(home / "ablations.json", table)
+        write_table(table, f"{study.title}: one thing changed at a time", plan.command, home / "ablations.md")

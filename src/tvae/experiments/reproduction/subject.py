@@ -1,0 +1,142 @@
+"""A trained model with all that its measurements need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from tvae.data.demonstrations import Demonstrations
+from tvae.evaluate.encoding import Posteriors, encode
+from tvae.evaluate.playstyles import label_agreement
+from tvae.evaluate.styles import Playstyles
+from tvae.experiments.analysis import names_of
+from tvae.experiments.arenas import Arena
+from tvae.experiments.bots import bot_episodes, vector_env
+from tvae.generate.closed_loop import LatentPolicy
+from tvae.generate.decoding import Choice, Fixed, LatentSource, sampled
+from tvae.generate.open_loop import imagine
+from tvae.model.tvae import TrajectoryVAE
+from tvae.rollouts import rollout
+from tvae.spaces import FloatArray, IntArray
+from tvae.train.loop import evaluate
+
+WORLDS = 10_000
+"""Bots of training seed k play worlds of seed WORLDS + k."""
+TEST = 1_000_000
+"""Seed of the test demonstrations, the same for all models, so that their styles can be compared."""
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """z of another episode with this label: what a bot gets where no found style bears the label."""
+
+    posteriors: Posteriors
+
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count, Z): an episode at random, then z ~ q(z | tau_i)."""
+        return self.posteriors.select(rng.integers(len(self.posteriors), size=count)).sample(rng)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A model, the demonstrations it learnt from, its styles, and the test demonstrations."""
+
+    model: TrajectoryVAE
+    demonstrations: Demonstrations
+    playstyles: Playstyles
+    test: Demonstrations
+    seed: int
+    episodes: int
+    """How many fresh episodes each bot plays."""
+
+    @cached_property
+    def posteriors(self) -> Posteriors:
+        """Of the test demonstrations."""
+        return encode(self.model, self.test)
+
+    @cached_property
+    def assignment(self) -> IntArray:
+        """(E,) the found style of each test demonstration."""
+        return self.playstyles.assign(self.posteriors)[0]
+
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """The label of each found style that has one to itself."""
+        return names_of(self.playstyles, self.demonstrations)
+
+    def latents(self, label: str) -> LatentSource:
+        """The found style of this label, else the training episodes that carry it."""
+        for style in self.playstyles.styles:
+            if self.names.get(style.index) == label:
+                return style
+        members = np.flatnonzero(self.demonstrations.attribute("label") == label)
+        return Labelled(encode(self.model, self.demonstrations.select(members)))
+
+    def play(
+        self, latents: LatentSource, arena: Arena, *, choice: Choice = sampled, window: int | None = None
+    ) -> Demonstrations:
+        """Fresh episodes of a bot."""
+        return bot_episodes(
+            self.model,
+            latents,
+            arena,
+            choice=choice,
+            window=window,
+            seed=WORLDS + self.seed,
+            on_step=lambda finished: None,
+        )
+
+    def common(self) -> dict[str, Any]:
+        """What every task reports: styles on the test demonstrations, and what z holds."""
+        labels = self.test.attribute("label")
+        terms = evaluate(self.model, self.test)
+        return {
+            "playstyles": {
+                "num_found": len(self.playstyles),
+                "named": len(self.names),
+                "ari": label_agreement(self.assignment, labels),
+            },
+            "kl_nats": terms.kl,
+            "nats_per_trajectory": {"policy": terms.policy, "state": terms.state, "stop": terms.stop},
+            "test_assignment": self.assignment.tolist(),
+        }
+
+
+def acted(
+    model: TrajectoryVAE, env: str, z: FloatArray, *, choice: Choice, seed: int
+) -> Demonstrations:
+    """An episode of the policy decoder in the environment for each row of `z` (E, Z)."""
+    envs = vector_env(Arena(env, episodes=len(z)))
+    try:
+        return rollout(envs, LatentPolicy(model, _Rows(z), choice=choice), len(z), seed=seed)
+    finally:
+        envs.close()
+
+
+class _Rows(Fixed):
+    """Rows of z one after another, over as many rounds of episodes as it takes."""
+
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        rows, self.z = self.z[:count], np.roll(self.z, -count, axis=0)
+        return np.resize(rows, (count, rows.shape[1]))
+
+
+def imagined(
+    model: TrajectoryVAE, starts: FloatArray, z: FloatArray, *, num_steps: int, choice: Choice
+) -> Demonstrations:
+    """What the state decoder imagines from first observations `starts` (E, O) and `z` (E, Z)."""
+    return imagine(model, starts, z, num_steps=num_steps, choice=choice)
+
+
+def first_observations(demonstrations: Demonstrations) -> FloatArray:
+    """(E, O)"""
+    return demonstrations.observations[demonstrations.observation_starts]
+
+
+def paths(demonstrations: Demonstrations, columns: Sequence[int] = (0, 1)) -> list[FloatArray]:
+    """The places (T + 1, 2) of each episode, where observations have them in two columns."""
+    return [episode.observations[:, list(columns)] for episode in demonstrations]
