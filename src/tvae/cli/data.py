@@ -73,8 +73,8 @@ def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = F
 
 
 def make(
-    task: Literal["zombie", "pusht", "overcooked"],
-    out: str,
+    task: Literal["zombie", "navigation", "circle", "pusht", "overcooked"],
+    out: str | None = None,
     *,
     data: Path | None = None,
     seed: Seed = 0,
@@ -85,10 +85,13 @@ def make(
     Parameters
     ----------
     out
-        NAME.parquet, NAME.csv, NAME.csv.gz, NAME.tvae (memory-mapped directory), or minari:ID.
+        NAME.parquet, NAME.csv, NAME.csv.gz, NAME.tvae (memory-mapped directory), or minari:ID; by default the
+        Minari data set tvae/TASK-v0.
     data
         The file of the human demonstrations, of pusht and overcooked; by default the one in data/.
     """
-    demonstrations = TASKS[task](data, seed).demonstrations()
-    save_demonstrations(demonstrations, out, overwrite=force)
-    CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {out}", markup=False)
+    recipe = TASKS[task](data, seed)
+    demonstrations = recipe.demonstrations()
+    target = f"minari:tvae/{task}-v0" if out is None else out
+    save_demonstrations(demonstrations, target, overwrite=force, environment=recipe.arena.env)
+    CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {target}", markup=False)

@@ -12,7 +12,7 @@ from tvae.experiments.tasks import TASKS
 
 
 def demo(
-    task: Literal["zombie", "pusht", "overcooked"] = "zombie",
+    task: Literal["zombie", "navigation", "circle", "pusht", "overcooked"] = "zombie",
     *,
     out: Path | None = None,
     data: Path | None = None,
@@ -26,8 +26,9 @@ def demo(
     Parameters
     ----------
     task
-        zombie: scripted demonstrators, attack or avoid. pusht: 206 human demonstrations of pushing a block.
-        overcooked: human pairs cooking together.
+        zombie: scripted demonstrators, attack or avoid. navigation: walks to three hidden goals. circle: walks
+        around three hidden circles. pusht: 206 human demonstrations of pushing a block. overcooked: human pairs
+        cooking together.
     out
         The run directory to make; runs/TASK if not given.
     data

@@ -104,9 +104,11 @@ def _check_spaces(
 
 
 def save_demonstrations(
-    demonstrations: Demonstrations, target: str | Path, *, overwrite: bool = False
+    demonstrations: Demonstrations, target: str | Path, *, overwrite: bool = False, environment: str | None = None
 ) -> None:
     """Write demonstrations in the form that the target's name says.
+
+    A Minari data set also keeps `environment`, the id of a Gymnasium environment, and can recover it.
 
     | target                     | written                                   |
     |----------------------------|-------------------------------------------|
@@ -129,7 +131,8 @@ def save_demonstrations(
     text, path = str(target), Path(target)
     if text.startswith(MINARI_PREFIX):
         rest = text.removeprefix(MINARI_PREFIX)
-        write_minari(demonstrations, rest if is_minari_id(rest) else Path(rest), overwrite=overwrite)
+        where = rest if is_minari_id(rest) else Path(rest)
+        write_minari(demonstrations, where, overwrite=overwrite, environment=environment)
     elif is_parquet_name(path):
         write_parquet(demonstrations, path, overwrite=overwrite)
     elif is_csv_name(path):

@@ -3,30 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from tvae.config import ModelConfig, RunConfig, TrainingConfig
 from tvae.data.segments import segment
-from tvae.envs.zombie import zombie_demonstrations
 from tvae.errors import TvaeError
 from tvae.experiments.arenas import Arena
 from tvae.experiments.recipe import Recipe
+from tvae.experiments.reproduction.studies import STUDIES
 
 PUSHT_DATA = Path("data/pusht_human_206.npz")
 OVERCOOKED_DATA = Path("data/overcooked_human_2019.json.gz")
 
 
+def navigation(data: Path | None, seed: int) -> Recipe:
+    """1,500 scripted walks towards three goals that nobody sees."""
+    return _of_the_paper("navigation", "tvae/Navigation-v0", data, seed)
+
+
+def circle(data: Path | None, seed: int) -> Recipe:
+    """1,500 scripted walks around three circles that nobody sees."""
+    return _of_the_paper("circle", "tvae/Circle-v0", data, seed)
+
+
 def zombie(data: Path | None, seed: int) -> Recipe:
     """2,000 episodes of scripted demonstrators that attack or avoid a zombie."""
+    return _of_the_paper("zombie", "tvae/ZombieAttack-v0", data, seed)
+
+
+def _of_the_paper(task: str, env: str, data: Path | None, seed: int) -> Recipe:
     if data is not None:
-        raise TvaeError(f"the zombie task makes its own demonstrations and reads no file, got {data}")
+        raise TvaeError(f"the {task} task makes its own demonstrations and reads no file, got {data}")
+    study = STUDIES[task]
     return Recipe(
-        title="Zombie attack",
-        demonstrations=lambda: zombie_demonstrations(2000, seed),
-        config=RunConfig(seed=seed),
-        arena=Arena("tvae/ZombieAttack-v0", episodes=1000),
+        title=study.title,
+        demonstrations=lambda: study.demonstrations(seed),
+        config=replace(study.presets["default"], seed=seed),
+        arena=Arena(env, episodes=1000),
     )
 
 
@@ -66,7 +82,9 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
             module.overcooked_demonstrations(path, ["coordination_ring"]), 200, minimum=100
         ),
         config=RunConfig(
-            model=ModelConfig(latent_features=8, hidden_features=64, dropout=0.2, window=4, stop=False, prior_components=1),
+            model=ModelConfig(
+                latent_features=8, hidden_features=64, dropout=0.2, window=4, stop=False, prior_components=1
+            ),
             training=TrainingConfig(
                 num_steps=600,
                 batch_size=16,
@@ -83,6 +101,8 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
 
 
 TASKS: dict[str, Callable[[Path | None, int], Recipe]] = {
+    "navigation": navigation,
+    "circle": circle,
     "zombie": zombie,
     "pusht": pusht,
     "overcooked": overcooked,
