@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import time
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
 from tvae.experiments.run_directory import read_json, write_json
 from tvae.model.tvae import TrajectoryVAE
-from tvae.train.loop import Observer
+from tvae.train.loop import Observer, TrainingWarning
 
 
 class CellError(TvaeError):
@@ -98,7 +99,9 @@ class Cell:
         demonstrations = study.demonstrations(self.seed)
         began = time.perf_counter()
         checkpoint = self.directory / "checkpoint.safetensors"
-        model, _ = trained(demonstrations, self.config, checkpoint=checkpoint, device="cpu", observer=Observer())
+        with warnings.catch_warnings(record=True, category=TrainingWarning) as warned:
+            warnings.simplefilter("always", TrainingWarning)
+            model, _ = trained(demonstrations, self.config, checkpoint=checkpoint, device="cpu", observer=Observer())
         seconds = time.perf_counter() - began
         playstyles = find_playstyles(encode(model, demonstrations), seed=self.seed)
         subject = Subject(
@@ -109,7 +112,14 @@ class Cell:
         write_json(self.directory / "playstyles.json", playstyles.to_json())
         write_json(
             self.metrics,
-            {**found, "train_seconds": seconds, "commit": commit(), "cell": self.asked, "versions": _versions()},
+            {
+                **found,
+                "train_seconds": seconds,
+                "warnings": [str(warning.message) for warning in warned],
+                "commit": commit(),
+                "cell": self.asked,
+                "versions": _versions(),
+            },
         )
         checkpoint.unlink(missing_ok=True)
 

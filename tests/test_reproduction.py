@@ -1,0 +1,243 @@
+"""The reproduction: cells that are made once, numbers over seeds, and every file that it promises."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from tvae.data.demonstrations import Demonstrations
+from tvae.envs.circle import CircleExpert, CircleVectorEnv
+from tvae.evaluate.encoding import Posteriors
+from tvae.evaluate.leakage import leakage
+from tvae.evaluate.over_seeds import band, over_seeds
+from tvae.evaluate.paths import apart, to_nearest
+from tvae.experiments.reproduction import circle, navigation, zombie
+from tvae.experiments.reproduction import reproduce as module
+from tvae.experiments.reproduction.cells import Cell, CellError, Effort
+from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, DEFAULT, PRESETS
+from tvae.experiments.reproduction.reproduce import Plan, reproduce
+from tvae.experiments.reproduction.studies import STUDIES, Study
+from tvae.experiments.reproduction.subject import TEST, first_observations
+from tvae.experiments.reproduction.summary import summary
+from tvae.figures.zombie import zombie_paths
+from tvae.rollouts import rollout
+from tvae.train.checkpoint import write_checkpoint
+
+QUICK = Effort(steps=3, episodes=12)
+QUIET = Console(quiet=True)
+
+
+def small(study: Study) -> Study:
+    """The same study with few demonstrations."""
+    test = study.test_demonstrations()
+    labels = test.attribute("label")
+    some = np.sort(np.concatenate([np.flatnonzero(labels == label)[:40] for label in np.unique(labels)]))
+    return replace(
+        study,
+        demonstrations=lambda seed: study.demonstrations(seed).select(list(range(150))),
+        test_demonstrations=lambda: test.select(some),
+    )
+
+
+@pytest.fixture
+def small_studies(monkeypatch: pytest.MonkeyPatch) -> None:
+    for task, study in STUDIES.items():
+        if task != "zombie":  # whose test worlds come in pairs
+            monkeypatch.setitem(STUDIES, task, small(study))
+    few = replace(STUDIES["zombie"], demonstrations=lambda seed: zombie.zombie_demonstrations(150, seed))
+    monkeypatch.setitem(STUDIES, "zombie", few)
+
+
+def in_this_process(cells: list[Cell], *, jobs: int, console: Console) -> None:
+    for cell in cells:
+        cell.run()
+
+
+@pytest.fixture(scope="module")
+def test_sets() -> dict[str, Demonstrations]:
+    return {task: study.test_demonstrations() for task, study in STUDIES.items()}
+
+
+# What is trained
+
+
+@pytest.mark.parametrize("task", ["navigation", "circle", "zombie"])
+def test_the_papers_reading_is_a_plain_lstm_and_the_evidence_lower_bound(task: str):
+    paper = PRESETS[task]["paper"]
+    assert (paper.model.latent_features, paper.model.prior_components, paper.model.window) == (2, 1, None)
+    assert (paper.model.reactive, paper.model.stop, paper.model.dynamics) == (False, False, False)
+    assert {weight for _, weight in paper.training.kl_points} == {1.0}
+    assert PRESETS[task]["default"] == DEFAULT[task]
+
+
+def test_each_ablation_changes_one_thing_of_the_default():
+    default = DEFAULT["zombie"].to_json()
+    for name, config in ABLATIONS["zombie"].items():
+        changed = {
+            field
+            for part in ("model", "training")
+            for field in default[part]
+            if config.to_json()[part][field] != default[part][field]
+        }
+        assert len(changed - {"stop"}) == 1, name
+
+
+def test_every_preset_has_a_measure():
+    for task, study in STUDIES.items():
+        assert set(study.measures) == set(study.presets) == {*PRESETS[task], *BESIDE[task], *ABLATIONS[task]}
+
+
+def test_test_demonstrations_are_not_those_of_training(test_sets: dict[str, Demonstrations]):
+    training = STUDIES["navigation"].demonstrations(0)
+    assert len({*training.attribute("goal_x").tolist()} & {*test_sets["navigation"].attribute("goal_x").tolist()}) == 0
+
+
+def test_both_zombie_styles_are_tested_in_the_same_worlds(test_sets: dict[str, Demonstrations]):
+    _, zombies = zombie_paths(first_observations(test_sets["zombie"]))
+    attack, avoid = np.split(zombies, 2)
+    np.testing.assert_allclose(attack, avoid)
+    labels = test_sets["zombie"].attribute("label")
+    assert labels[: len(labels) // 2].tolist() == ["attack"] * zombie.NUM_TEST
+
+
+# What is measured
+
+
+def test_apart_and_to_nearest_by_hand():
+    here, there = np.zeros((4, 2)), np.array([[0.0, 0.0], [0.0, 3.0], [4.0, 0.0]])
+    assert apart([here, there], [there, there]).tolist() == pytest.approx([7 / 3, 0])
+    assert to_nearest(here[None], np.stack([here + 2, here + 1])).tolist() == [[2**0.5] * 4]
+
+
+def test_an_expert_keeps_to_the_nearest_circle_and_a_straight_walk_does_not():
+    episodes = rollout(CircleVectorEnv(5), CircleExpert(-10.0), 5, seed=TEST)
+    places = np.stack([episode.observations for episode in episodes])
+    assert circle.off_circle(places).mean() < 0.2
+    straight = np.stack([np.arange(50.0), np.zeros(50)], axis=1)
+    assert circle.off_circle(straight)[-1] == pytest.approx(np.hypot(49, 20) - 20)
+
+
+def test_a_goal_is_reached_within_thirteen():
+    paths = [np.stack([np.zeros(2), goal + np.array([12.9, 0])]) for goal in navigation.GOALS]
+    paths += [np.zeros((3, 2)), navigation.GOALS[1:2] + np.array([0, 13.1])]
+    assert navigation.goal_reached(paths).tolist() == [0, 1, 2, -1, -1]
+
+
+def test_leakage_finds_the_style_that_tells_most_and_the_sample_tells_less():
+    rng = np.random.default_rng(1)
+    styles = np.repeat([0, 1], 300)
+    world = rng.standard_normal((600, 2))
+    means = np.where(styles[:, None] == 0, world, 0.0) + 0.01 * rng.standard_normal((600, 2)) + 10 * styles[:, None]
+    found = leakage(Posteriors(means, np.full((600, 2), 0.5)), world, styles)
+    assert found.from_mean > 0.9
+    assert 0.5 < found.from_sample < found.from_mean
+    nothing = leakage(Posteriors(means[300:], np.full((300, 2), 0.5)), world[300:], styles[300:])
+    assert nothing.from_mean < 0.1
+
+
+def test_over_seeds_gives_students_interval_and_leaves_out_what_is_no_number():
+    runs = [{"a": {"b": value}, "words": "no", "ids": [1]} for value in (1.0, 2.0, 3.0)]
+    assert over_seeds(runs) == {"a": {"b": {"mean": 2.0, "ci95": [-0.484138, 4.484138], "seeds": 3}}}
+    mean, low, high = band(np.array([[5.0, 6.0]]))
+    assert mean.tolist() == low.tolist() == high.tolist() == [5.0, 6.0]
+
+
+def test_a_summary_compares_the_styles_of_every_pair_of_seeds():
+    cell = {"seed": 0, "episodes": 5, "model": {}, "training": {}}
+    runs = [
+        {"cell": cell, "commit": "abc", "versions": {}, "test_assignment": styles}
+        for styles in ([0, 0, 1, 1], [1, 1, 0, 0], [0, 1, 0, 1])
+    ]
+    between = summary(runs)["between_seeds"]
+    assert between == {"ari": pytest.approx((1 - 0.5 - 0.5) / 3), "lowest_ari": -0.5, "pairs": 3}
+
+
+# The command
+
+
+def test_only_what_is_missing_is_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    plan = Plan(["circle"], tmp_path, 2, QUICK, ablations=False, command="")
+    trained: list[Cell] = []
+    monkeypatch.setattr(Cell, "is_finished", lambda cell: cell.preset == "default")
+    monkeypatch.setattr(module, "train_all", lambda cells, **options: trained.extend(cells))
+    monkeypatch.setattr(module, "finish", lambda plan, task, *, console: None)
+    reproduce(plan, jobs=1, force=False, console=QUIET)
+    assert [(cell.preset, cell.seed) for cell in trained] == [
+        (preset, seed) for preset in ("paper", "cloning_lstm", "cloning_memoryless") for seed in (0, 1)
+    ]
+
+
+@pytest.mark.usefixtures("small_studies")
+@pytest.mark.parametrize(
+    ("task", "pictures"),
+    [
+        ("navigation", ["figure-2", "figure-3", "figure-horizon"]),
+        ("circle", ["figure-4", "figure-horizon"]),
+        ("zombie", ["figure-5", "figure-6", "figure-7", "figure-8"]),
+    ],
+)
+def test_a_reproduction_leaves_what_it_promises(
+    task: str, pictures: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(module, "train_all", in_this_process)
+    monkeypatch.setattr("tvae.experiments.reproduction.zombie_pictures.WINDOWS", (1, 2, 30))
+    monkeypatch.setattr("tvae.experiments.reproduction.zombie_pictures._SHOWN", 4)
+    monkeypatch.setattr("tvae.experiments.reproduction.zombie.WINDOWS", (1, 2, 30))
+    plan = Plan([task], tmp_path, 2, QUICK, ablations=False, command="tvae reproduce")
+    reproduce(plan, jobs=1, force=False, console=QUIET)
+    home = tmp_path / task
+    for picture in pictures:
+        assert (home / f"{picture}.png").stat().st_size > 5_000
+        assert (home / f"{picture}.svg").read_text().startswith("<?xml")
+        with (home / f"{picture}.csv").open() as lines:
+            rows = list(csv.DictReader(lines))
+        table = json.loads((home / f"{picture}.json").read_text())["table"]
+        assert [row[next(iter(table))] for row in rows] == [str(value) for value in next(iter(table.values()))]
+    metrics = json.loads((home / "metrics.json").read_text())
+    assert metrics["playstyles"]["ari"]["seeds"] == 2
+    assert metrics["decoder_consistency"]["mean"] > 0
+    assert metrics["config"]["training"]["num_steps"] == 3
+    assert json.loads((home / "paper" / "metrics.json").read_text())["config"]["model"]["reactive"] is False
+    assert "| default | paper |" in (home / "README.md").read_text()
+    if task == "zombie":
+        assert set(metrics["held_out"]) == set(zombie.HELD_OUT_WORLDS)
+        assert metrics["held_out"]["zigzag"]["expert_avoid"]["mean"] == 1.0
+        assert set(metrics["success_by_window"]["30"]) == {"attack", "avoid"}
+        assert {path.name for path in home.glob("animation-*")} == {
+            f"animation-{style}.{kind}" for style in ("attack", "avoid") for kind in ("gif", "mp4")
+        }
+    assert all(cell.is_finished() for cell in plan.all_cells())
+
+
+@pytest.mark.usefixtures("small_studies")
+def test_a_killed_training_goes_on_to_the_same_weights_and_another_cell_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    effort = Effort(steps=120, episodes=5)
+    whole = Cell("navigation", "cloning_memoryless", 3, tmp_path / "whole", effort)
+    whole.run()
+    killed = replace(whole, directory=tmp_path / "killed")
+
+    def killed_at_the_checkpoint(*arguments: object, **named: object) -> None:
+        write_checkpoint(*arguments, **named)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("tvae.train.loop.write_checkpoint", killed_at_the_checkpoint)
+        with pytest.raises(KeyboardInterrupt):
+            killed.run()
+    assert (killed.directory / "checkpoint.safetensors").exists()
+    assert not killed.is_finished()
+    killed.run()
+    assert killed.is_finished()
+    weights = [(cell.directory / "model.safetensors").read_bytes() for cell in (whole, killed)]
+    assert weights[0] == weights[1]
+    assert killed.read()["horizon"] == whole.read()["horizon"]
+    with pytest.raises(CellError, match="episodes, training differs from what is asked"):
+        replace(killed, effort=Effort(steps=60, episodes=6)).is_finished()
