@@ -1,0 +1,83 @@
+"""Put the models of seed 0 of a reproduction into the package: python scripts/ship_pretrained.py [results]."""
+
+import sys
+from pathlib import Path
+
+from tvae.evaluate.words import describe
+from tvae.experiments.findings import Findings
+from tvae.experiments.reproduction.cells import Cell, Effort
+from tvae.experiments.reproduction.studies import STUDIES
+from tvae.experiments.run_directory import read_json
+from tvae.experiments.shipping import ship
+from tvae.pretrained import ROOT
+
+FIGURES = {
+    "navigation": ("end_distance", "end_distance_demonstrations", "decoder_consistency"),
+    "circle": ("radial_error", "turn_completed", "decoder_consistency"),
+    "zombie": ("success", "success_most_likely", "attacks_per_episode", "decoder_consistency"),
+}
+ENVIRONMENTS = {"navigation": "Navigation", "circle": "Circle", "zombie": "ZombieAttack"}
+
+CARD = """# tvae: {title}
+
+A Trajectory VAE, {parameters:,} parameters, trained on {episodes:,} scripted demonstrations of the task
+`tvae/{env}-v0` ({labels}; the model never saw these labels). It found {styles} styles.
+
+```python
+import gymnasium
+import tvae
+
+model = tvae.TrajectoryVAE.from_pretrained("{task}")
+playstyles = tvae.Playstyles.from_pretrained("{task}")
+env = gymnasium.make("tvae/{env}-v0")
+agent = tvae.Agent(model, playstyles.styles[0], env)
+```
+
+Style by style: {names}.
+
+Measured as `docs/paper.md` says, over 1,000 fresh episodes of each bot with sampled actions:
+
+| | |
+|---|---|
+{rows}
+
+It is the model of seed 0 of `tvae reproduce {task}` at commit {commit}, and meant for trying things out and for the
+examples of the docs. MIT licence.
+"""
+
+
+def rows(metrics: dict, names: tuple[str, ...]) -> str:
+    """Lines of the card's table."""
+    lines = []
+    for name in names:
+        values = metrics[name] if isinstance(metrics[name], dict) else {"": metrics[name]}
+        lines += [f"| {name}{f'.{key}' if key else ''} | {value:.3f} |" for key, value in values.items()]
+    return "\n".join(lines)
+
+
+def main(results: Path) -> None:
+    """Ship every task."""
+    for task, study in STUDIES.items():
+        directory = results / "cells" / task / "default" / "seed-0"
+        cell = Cell(task, "default", 0, directory, Effort())
+        subject, metrics = cell.subject(), read_json(cell.metrics)
+        words = describe(subject.demonstrations, subject.playstyles.assignment)
+        findings = Findings(subject.playstyles, subject.names, words)
+        card = CARD.format(
+            title=study.title,
+            task=task,
+            env=ENVIRONMENTS[task],
+            parameters=sum(parameter.numel() for parameter in subject.model.parameters()),
+            episodes=len(subject.demonstrations),
+            labels=", ".join(sorted(set(subject.demonstrations.attribute("label").tolist()))),
+            styles=len(subject.playstyles),
+            names=", ".join(f"`styles[{index}]` is {name}" for index, name in sorted(subject.names.items())),
+            rows=rows(metrics, FIGURES[task]),
+            commit=metrics["commit"],
+        )
+        ship(subject.model, findings, ROOT / task, card, overwrite=True)
+        print(f"{task}: {ROOT / task}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "results"))
