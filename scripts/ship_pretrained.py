@@ -3,8 +3,6 @@
 import sys
 from pathlib import Path
 
-from tvae.evaluate.words import describe
-from tvae.experiments.findings import Findings
 from tvae.experiments.reproduction.cells import Cell, Effort
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.run_directory import read_json
@@ -60,9 +58,10 @@ def main(results: Path) -> None:
     for task, study in STUDIES.items():
         directory = results / "cells" / task / "default" / "seed-0"
         cell = Cell(task, "default", 0, directory, Effort())
+        if not cell.is_finished():
+            sys.exit(f"{directory} is not finished; run tvae reproduce {task}")
         subject, metrics = cell.subject(), read_json(cell.metrics)
-        words = describe(subject.demonstrations, subject.playstyles.assignment)
-        findings = Findings(subject.playstyles, subject.names, words)
+        findings = subject.findings
         card = CARD.format(
             title=study.title,
             task=task,
@@ -71,7 +70,7 @@ def main(results: Path) -> None:
             episodes=len(subject.demonstrations),
             labels=", ".join(sorted(set(subject.demonstrations.attribute("label").tolist()))),
             styles=len(subject.playstyles),
-            names=", ".join(f"`styles[{index}]` is {name}" for index, name in sorted(subject.names.items())),
+            names=", ".join(f"`styles[{index}]` is {name}" for index, name in sorted(findings.labels.items())),
             rows=rows(metrics, FIGURES[task]),
             commit=metrics["commit"],
         )

@@ -302,7 +302,7 @@ class TestOutcomes:
 
     def test_distances_are_those_that_were_measured(self):
         texts = [[text.get_text() for text in axes.texts] for axes in _two_styles().axes]
-        assert texts == [["W = 0.25"], [], ["W = 0.53"], []] * 2
+        assert texts == [["$W_1$ = 0.25"], [], ["$W_1$ = 0.53"], []] * 2
 
     def test_what_does_not_fit_is_an_error(self):
         with pytest.raises(ValueError, match="at least one episode"):

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from tvae.cli.options import CONSOLE, Flag, Force
+from tvae.cli.options import CONSOLE, Device, Flag, Force
 from tvae.experiments.reproduction.cells import Effort
 from tvae.experiments.reproduction.reproduce import TASKS, Plan
 from tvae.experiments.reproduction.reproduce import reproduce as run
@@ -29,6 +29,7 @@ def reproduce(
     steps: Count | None = None,
     episodes: Count = 1000,
     jobs: Count = CORES,
+    device: Device = "auto",
     force: Force = False,
 ) -> None:
     """Reproduce the paper: train our default and the paper's reading of a task, measure, draw its figures.
@@ -61,4 +62,4 @@ def reproduce(
         ablations=ablations,
         command=shlex.join(["tvae", *sys.argv[1:]]),
     )
-    run(plan, jobs=jobs, force=force, console=CONSOLE)
+    run(plan, jobs=jobs, device=device, force=force, console=CONSOLE)

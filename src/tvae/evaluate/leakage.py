@@ -26,7 +26,7 @@ NUM_FOLDS = 5
 
 @dataclass(frozen=True)
 class Leakage:
-    """R2 in the style that tells most; `nan` where no style has enough episodes."""
+    """R2 in the style that tells most."""
 
     from_sample: float
     """From z ~ q(z | tau), which is what a bot is given."""
@@ -37,6 +37,8 @@ class Leakage:
 def leakage(posteriors: Posteriors, world: FloatArray, styles: IntArray, *, seed: int = 0) -> Leakage:
     """What z tells of `world` (E, D) within each of `styles` (E,), at its worst.
 
+    Raises `ValueError` where no style has 40 episodes.
+
     >>> rng = np.random.default_rng(1)
     >>> means = rng.standard_normal((400, 2))
     >>> found = leakage(Posteriors(means, np.full((400, 2), 5.0)), means, np.zeros(400, dtype=np.int64))
@@ -45,16 +47,17 @@ def leakage(posteriors: Posteriors, world: FloatArray, styles: IntArray, *, seed
     """
     rng = np.random.default_rng(seed)
     sample = posteriors.sample(rng)
+    enough = [style for style in np.unique(styles) if (styles == style).sum() >= 2 * NUM_NEIGHBOURS]
+    if not enough:
+        raise ValueError(f"leakage needs a style of at least {2 * NUM_NEIGHBOURS} episodes, got {len(styles)} in all")
     worst = [
-        max((_told(z[styles == style], world[styles == style], seed) for style in np.unique(styles)), default=np.nan)
+        max(_told(z[styles == style], world[styles == style], seed) for style in enough)
         for z in (sample, posteriors.means)
     ]
     return Leakage(*worst)
 
 
 def _told(z: FloatArray, world: FloatArray, seed: int) -> float:
-    if len(z) < 2 * NUM_NEIGHBOURS:
-        return float("nan")
     facts = (world - world.mean(0)) / np.where(world.std(0) > 0, world.std(0), 1.0)
     folds = KFold(NUM_FOLDS, shuffle=True, random_state=seed)
     predicted = cross_val_predict(KNeighborsRegressor(NUM_NEIGHBOURS), z, facts, cv=folds)

@@ -27,6 +27,8 @@ def band(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 def over_seeds(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The numbers of several runs in one tree of the same shape; what is no number in every run is left out.
 
+    A single seed has no interval: `ci95` is None.
+
     >>> over_seeds([{"success": {"attack": 0.98}}, {"success": {"attack": 0.96}}])["success"]["attack"]["mean"]
     0.97
     """
@@ -39,5 +41,6 @@ def over_seeds(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             summary[name] = over_seeds(values)
         elif all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
             mean, low, high = (float(number) for number in band(np.array(values, dtype=np.float64)))
-            summary[name] = {"mean": round(mean, 6), "ci95": [round(low, 6), round(high, 6)], "seeds": len(values)}
+            interval = [round(low, 6), round(high, 6)] if len(values) > 1 else None
+            summary[name] = {"mean": round(mean, 6), "ci95": interval, "seeds": len(values)}
     return summary

@@ -1,8 +1,8 @@
 """Distances between paths in a plane.
 
 >>> a, b = np.zeros((3, 2)), np.array([[0.0, 0.0], [3.0, 4.0]])
->>> apart([a], [b]).tolist()  # over the two steps that both have
-[2.5]
+>>> apart([a], [b]).tolist()
+[5.0]
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ from tvae.spaces import FloatArray, IntArray
 
 
 def apart(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> FloatArray:
-    """(E,) mean distance of two paths (N_i, 2) at equal steps, over the steps that both have."""
-    return np.array(
-        [
-            np.linalg.norm(a[: len(b)] - b[: len(a)], axis=1).mean()
-            for a, b in zip(first, second, strict=True)
-        ]
-    )
+    """(E,) mean distance of two paths (N_i, 2) at equal steps after their common start.
+
+    The one that ends first stands at its last place.
+    """
+    distances = []
+    for a, b in zip(first, second, strict=True):
+        steps = np.arange(1, max(len(a), len(b), 2))
+        there = a[np.minimum(steps, len(a) - 1)] - b[np.minimum(steps, len(b) - 1)]
+        distances.append(np.linalg.norm(there, axis=1).mean())
+    return np.array(distances)
 
 
 def ends(paths: Sequence[FloatArray]) -> FloatArray:
@@ -31,15 +34,16 @@ def ends(paths: Sequence[FloatArray]) -> FloatArray:
 
 
 def to_nearest(paths: FloatArray, references: FloatArray) -> FloatArray:
-    """(E, T) distance of each of `paths` (E, T, 2) to the nearest of `references` (R, T, 2) at the same step.
+    """(E, T) distance at each step of `paths` (E, T, 2) to that of `references` (R, T, 2) which is nearest on average.
 
-    >>> to_nearest(np.zeros((1, 2, 2)), np.array([[[3.0, 4.0], [9.0, 9.0]], [[0.0, 9.0], [0.0, 1.0]]])).tolist()
-    [[5.0, 1.0]]
+    >>> to_nearest(np.zeros((1, 2, 2)), np.array([[[3.0, 4.0], [0.0, 9.0]], [[0.0, 9.0], [0.0, 1.0]]])).tolist()
+    [[9.0, 1.0]]
     """
-    steps = min(paths.shape[1], references.shape[1])
-    between = paths[:, None, :steps] - references[None, :, :steps]
-    nearest: FloatArray = np.linalg.norm(between, axis=-1).min(axis=1)
-    return nearest
+    errors = []
+    for path in paths:
+        between = np.linalg.norm(references - path, axis=-1)
+        errors.append(between[between.mean(1).argmin()])
+    return np.stack(errors)
 
 
 def cut_to(paths: Sequence[FloatArray], num_steps: IntArray) -> list[FloatArray]:

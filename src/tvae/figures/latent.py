@@ -16,6 +16,7 @@ from tvae.figures.palette import INK, PAPER, style_colour, style_marker
 from tvae.spaces import FloatArray, IntArray
 
 _GOLDEN = (5**0.5 - 1) / 2
+_MOST_ELLIPSES = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ def _rows(values: FloatArray, assignment: IntArray) -> FloatArray:
 def latent_space(
     means: FloatArray, assignment: IntArray, names: Sequence[str], *, deviations: FloatArray | None = None
 ) -> Figure:
-    """The posterior means (N, Z) by style, and lightly one standard deviation (N, Z) around each if given.
+    """The posterior means (N, Z) by style, and one standard deviation (N, Z) around some of them if given.
 
     `assignment` (N,) indexes `names`. Raises `ValueError` where Z or N is 0.
 
@@ -125,22 +126,27 @@ def draw_points(axes: Axes, points: FloatArray, assignment: IntArray, *, size: f
 
 
 def _draw_deviations(axes: Axes, plane: LatentPlane, deviations: FloatArray, assignment: IntArray) -> None:
-    """The ellipse of one standard deviation around each point: the posterior's, seen along the plane."""
-    scaled = plane.directions * deviations[:, None, :]
+    """The ellipse of one standard deviation, the posterior's, seen along the plane, around some of the points."""
+    some = np.linspace(0, len(deviations) - 1, min(len(deviations), _MOST_ELLIPSES)).astype(np.int64)
+    scaled = plane.directions * deviations[some, None, :]
     variances, vectors = np.linalg.eigh(scaled @ scaled.transpose(0, 2, 1))
+    radii = np.sqrt(variances.clip(0))
     axes.add_collection(
         EllipseCollection(
-            2 * np.sqrt(variances[:, 0].clip(0)),
-            2 * np.sqrt(variances[:, 1].clip(0)),
+            2 * radii[:, 0],
+            2 * radii[:, 1],
             np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])),
             units="xy",
-            offsets=plane.points,
+            offsets=plane.points[some],
             offset_transform=axes.transData,
-            facecolors=[style_colour(int(style)) for style in assignment],
-            alpha=min(0.08, 8 / len(deviations)),
-            linewidths=0,
+            facecolors="none",
+            edgecolors=[style_colour(int(style)) for style in assignment[some]],
+            alpha=0.35,
+            linewidths=0.5,
         )
     )
+    reach = radii.max(1)[:, None]
+    axes.update_datalim(np.concatenate([plane.points[some] - reach, plane.points[some] + reach]))
 
 
 def _legend(figure: Figure, handles: Sequence[Line2D], labels: Sequence[str]) -> None:

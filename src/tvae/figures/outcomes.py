@@ -68,16 +68,16 @@ class StyleOutcomes:
 def outcomes(styles: Sequence[StyleOutcomes]) -> Figure:
     """A row for each style: attacked, zombie dead, closest distance to the goal and to the zombie, as shares.
 
-    The bots are filled in the style's colour, the demonstrations are the black outline; W is the Wasserstein
-    distance of the two. The goal counts as reached left of the dashed line. Shaded are the distances to the
-    zombie from the 2.5 to the 97.5 percentile of the demonstrations.
+    The bots are filled in the style's colour, the demonstrations are the black outline; W_1 is the Wasserstein-1
+    distance of the two. The goal counts as reached left of the dashed line. Shaded are the distances to the zombie from
+    the 2.5 to the 97.5 percentile of the demonstrations.
 
     Raises `ValueError` for no style, and for a distance of something else.
 
     >>> some = Outcomes(np.array([True, False]), np.array([True, False]), np.array([0.4, 2.0]), np.array([0.9, 1.5]))
     >>> figure = outcomes([StyleOutcomes("attack", some, some, {"attacked": 0.0})])
     >>> [text.get_text() for text in figure.axes[0].texts]
-    ['W = 0.00']
+    ['$W_1$ = 0.00']
     """
     if not styles:
         raise ValueError("outcomes need at least one style, got none")
@@ -112,7 +112,7 @@ def outcomes(styles: Sequence[StyleOutcomes]) -> Figure:
 
 def _edges(samples: Sequence[FloatArray]) -> FloatArray:
     """Edges of bins from 0 over all samples, the goal's radius among them."""
-    highest = max(float(sample.max()) for sample in samples)
+    highest = max(1.2 * REACHED, *(float(sample.max()) for sample in samples))
     width = next((width for width in _BIN_WIDTHS if highest < _MOST_BINS * width), REACHED)
     count = int(highest / width) + 1
     return np.linspace(0, width * count, count + 1)
@@ -145,7 +145,7 @@ def _draw_range(axes: Axes, distances: FloatArray) -> None:
 
 
 def _draw_distance(axes: Axes, distance: float) -> None:
-    text = f"W = {number(distance, 2)}"
+    text = f"$W_1$ = {number(distance, 2)}"
     axes.text(0.98, 0.97, text, ha="right", va="top", transform=axes.transAxes, size=SMALL_TEXT_SIZE, color=MUTED)
 
 

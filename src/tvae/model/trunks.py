@@ -16,6 +16,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
+_LARGEST = 20.0
+"""A change of more typical changes than this, which training may never have shown, counts as so many."""
+
 
 class Memory(NamedTuple):
     """What a trunk carries from step to step."""
@@ -73,11 +76,11 @@ class PlainTrunk(Trunk):
 class ReactiveTrunk(Trunk):
     """An LSTM over x_t = [s_t; d_t; z], where d_t = (s_t - s_{t-1}) / unit is the last change; d is 0 at the first.
 
-    `unit` is the typical change in one step, so that a heading or a speed, which are small next to the span of the
-    places where they occur, is seen as clearly as the place. x_t joins the LSTM's output in one further layer, and
-    joins that layer's output too: reacting to what is seen now needs no detour through memory, and following it
-    ("go where it is") is linear. Dropout touches what is remembered and mixed, never x_t: who cannot see clearly
-    cannot steer.
+    `unit` is the typical change in one step (1 for features of actions), and d_t at most 20 of it, so that a heading or
+    a speed, which are small next to the span of the places where they occur, is seen as clearly as the place. x_t joins
+    the LSTM's output in one further layer, and joins that layer's output too: reacting to what is seen now needs no
+    detour through memory, and following it ("go where it is") is linear. Dropout touches what is remembered and mixed,
+    never x_t: who cannot see clearly cannot steer.
 
     >>> trunk = ReactiveTrunk(in_features=3, latent_features=2, hidden_features=8)
     >>> features, _ = trunk(torch.zeros(5, 7, 3), torch.zeros(5, 2))
@@ -98,7 +101,7 @@ class ReactiveTrunk(Trunk):
         self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
     ) -> tuple[Float[Tensor, "B T F"], Memory]:
         last = inputs[:, :1] if memory is None else memory.last
-        changes = (inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit
+        changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-_LARGEST, _LARGEST)
         seen = torch.cat([inputs, changes, _at_every_step(z, inputs)], dim=-1)
         remembered, (hidden, cell) = self.recurrent(seen, None if memory is None else memory[:2])
         mixed = silu(self.mix(torch.cat([seen, self.dropout(remembered)], dim=-1)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -156,18 +157,17 @@ class TrajectoryVAE(nn.Module):
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
             normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
         before = _spread(first, demos.lengths - 1 + demos.final_observed)
-        states = [
-            self.observation_normalizer.values(torch.from_numpy(demos.observations[rows]).to(self.device))
-            for rows in (before, before + 1)
-        ]
+        # In double, and where double is: not every accelerator knows it.
+        normalizer = deepcopy(self.observation_normalizer).cpu().double()
+        states = [normalizer.values(torch.from_numpy(demos.observations[rows])) for rows in (before, before + 1)]
         change = states[1] - states[0]
         angular = self.observation_space.angular
         change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
         self.state_decoder.head.unit.copy_(_typical(change))
-        features = [self.observation_normalizer.features(values) for values in states]
+        features = [normalizer.features(values) for values in states]
         unit = _typical(features[1] - features[0])
         for decoder in (self.state_decoder, self.policy_decoder):
-            decoder.trunk.unit[: len(unit)] = unit
+            decoder.trunk.unit[: len(unit)].copy_(unit)
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | tau) of each trajectory of the batch, batch shape (B, Z)."""

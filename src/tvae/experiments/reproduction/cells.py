@@ -13,10 +13,14 @@ import torch
 
 import tvae
 from tvae.config import RunConfig
+from tvae.data.demonstrations import Demonstrations
+from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.playstyles import find_playstyles
-from tvae.evaluate.styles import Playstyles
+from tvae.evaluate.words import describe
+from tvae.experiments.analysis import names_of
+from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import trained
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
@@ -80,48 +84,67 @@ class Cell:
         return self.directory / "metrics.json"
 
     def is_finished(self) -> bool:
-        """Whether it is there; `CellError` where the directory holds another cell."""
-        if not self.metrics.exists():
+        """Whether it is trained and measured; `CellError` where the directory holds another cell."""
+        stored = self.directory / "cell.json"
+        if not stored.exists():
             return False
-        stored, asked = read_json(self.metrics)["cell"], _plain(self.asked)
-        if stored != asked:
-            differing = sorted(name for name in {*stored, *asked} if stored.get(name) != asked.get(name))
+        there, asked = read_json(stored), _plain(self.asked)
+        if there != asked:
+            differing = sorted(name for name in {*there, *asked} if there.get(name) != asked.get(name))
             raise CellError(
                 f"{self.directory} holds a cell whose {', '.join(differing)} differs from what is asked; "
                 "choose another --out, or make it anew with --force"
             )
-        return (self.directory / "model.safetensors").exists()
+        return all((self.directory / name).exists() for name in ("metrics.json", "model.safetensors", "findings.json"))
 
-    def run(self) -> None:
-        """Train, find the styles, measure, and write all of it; a training that was killed goes on."""
-        study = STUDIES[self.task]
-        self.directory.mkdir(parents=True, exist_ok=True)
-        demonstrations = study.demonstrations(self.seed)
-        began = time.perf_counter()
+    def run(self, device: str) -> None:
+        """Train what is not trained yet, and measure; a training that was killed goes on.
+
+        Raises `CellError`, which names the cell, for whatever goes wrong.
+        """
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            write_json(self.directory / "cell.json", self.asked)
+            demonstrations = STUDIES[self.task].demonstrations(self.seed)
+            if not (self.directory / "training.json").exists():
+                self._train(demonstrations, device)
+            began = time.perf_counter()
+            code, training = commit(), read_json(self.directory / "training.json")
+            subject = self._find_styles(demonstrations, device)
+            found = STUDIES[self.task].measures[self.preset](subject)
+            seconds = {"measure_seconds": time.perf_counter() - began}
+            made = {"commit": code, "cell": self.asked, "versions": _versions()}
+            write_json(self.metrics, {**found, **training, **seconds, **made})
+        except Exception as error:
+            raise CellError(f"{self.name}: {type(error).__name__}: {error}") from error
+
+    def _train(self, demonstrations: Demonstrations, device: str) -> None:
+        """Weights and `training.json`, which is written last."""
         checkpoint = self.directory / "checkpoint.safetensors"
-        with warnings.catch_warnings(record=True, category=TrainingWarning) as warned:
+        resumed, began, code = checkpoint.exists(), time.perf_counter(), commit()
+        with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always", TrainingWarning)
-            model, _ = trained(demonstrations, self.config, checkpoint=checkpoint, device="cpu", observer=Observer())
-        seconds = time.perf_counter() - began
-        playstyles = find_playstyles(encode(model, demonstrations), seed=self.seed)
-        subject = Subject(
-            model, demonstrations, playstyles, study.test_demonstrations(), self.seed, self.effort.episodes
-        )
-        found = study.measures[self.preset](subject)
+            model, _ = trained(
+                demonstrations, self.config, checkpoint=checkpoint, device=device, observer=Observer()
+            )
+        facts: dict[str, Any] = {"trained_at_commit": code, "warnings": [str(warning.message) for warning in warned]}
+        if not resumed:
+            facts["train_seconds"] = time.perf_counter() - began
         model.save(self.directory)
-        write_json(self.directory / "playstyles.json", playstyles.to_json())
-        write_json(
-            self.metrics,
-            {
-                **found,
-                "train_seconds": seconds,
-                "warnings": [str(warning.message) for warning in warned],
-                "commit": commit(),
-                "cell": self.asked,
-                "versions": _versions(),
-            },
-        )
+        write_json(self.directory / "training.json", facts)
         checkpoint.unlink(missing_ok=True)
+
+    def _find_styles(self, demonstrations: Demonstrations, device: str) -> Subject:
+        model = TrajectoryVAE.load(self.directory).to(resolve_device(device))
+        playstyles = find_playstyles(encode(model, demonstrations), seed=self.seed)
+        words = describe(demonstrations, playstyles.assignment)
+        findings = Findings(playstyles, names_of(playstyles, demonstrations), words)
+        write_json(self.directory / "findings.json", findings.to_json())
+        return self._subject(model, demonstrations, findings)
+
+    def _subject(self, model: TrajectoryVAE, demonstrations: Demonstrations, findings: Findings) -> Subject:
+        test = STUDIES[self.task].test_demonstrations()
+        return Subject(model, demonstrations, findings, test, self.seed, self.effort.episodes)
 
     def read(self) -> dict[str, Any]:
         """The numbers of a finished cell."""
@@ -130,31 +153,26 @@ class Cell:
 
     def subject(self) -> Subject:
         """What pictures are drawn from."""
-        study = STUDIES[self.task]
-        return Subject(
+        return self._subject(
             TrajectoryVAE.load(self.directory),
-            study.demonstrations(self.seed),
-            Playstyles.from_json(read_json(self.directory / "playstyles.json")),
-            study.test_demonstrations(),
-            self.seed,
-            self.effort.episodes,
+            STUDIES[self.task].demonstrations(self.seed),
+            Findings.from_json(read_json(self.directory / "findings.json")),
         )
 
 
 def commit() -> str:
-    """The commit of the checkout that this code lies in, marked where files differ from it; empty outside of one."""
+    """The commit of the checkout that this code lies in, `-dirty` where sources differ; empty outside of one."""
     here = Path(__file__).parent
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True).stdout.strip()
+
     try:
-        found = subprocess.run(
-            ["git", "describe", "--always", "--abbrev=12", "--dirty", "--exclude", "*"],
-            cwd=here,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        git("ls-files", "--error-unmatch", Path(__file__).name)
+        changed = git("status", "--porcelain", "--", ":/src", ":/pyproject.toml", ":/constraints.txt")
+        return git("rev-parse", "--short=12", "HEAD") + ("-dirty" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return ""
-    return found.stdout.strip()
 
 
 def _versions() -> dict[str, str]:

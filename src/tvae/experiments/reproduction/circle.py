@@ -11,9 +11,10 @@ from tvae.envs.circle import LONGEST, RADII, angles_walked, circle_demonstration
 from tvae.evaluate.paths import apart, cut_to
 from tvae.experiments.arenas import Arena
 from tvae.experiments.reproduction.numbers import Picture, path_table, point_table, stacked
-from tvae.experiments.reproduction.subject import TEST, WORLDS, Subject, acted, first_observations, imagined, paths
+from tvae.experiments.reproduction.subject import TEST, WORLDS, Subject, acted, first_observations, paths
 from tvae.figures.reconstructions import reconstructions
 from tvae.generate.decoding import most_likely, sampled
+from tvae.generate.open_loop import imagine
 from tvae.spaces import FloatArray, IntArray
 
 ENV = "tvae/Circle-v0"
@@ -37,9 +38,9 @@ def measure(subject: Subject) -> dict[str, Any]:
     `radial_error_by_circle`: mean |r - R| / |R|; `radial_error` is that of the worst circle. `turn_completed`: mean
     share of the full turn walked, at most 1, on the worst circle. `decoder_consistency`: mean distance of the state
     decoder's path and the policy decoder's, both most likely, at the z of a test trajectory. `horizon`: mean
-    distance, step by step, from bots of all styles to the nearest of the three circles.
+    distance, step by step, from bots of all styles to the circle that each is nearest to; `horizon_end` its last.
     """
-    model, test = subject.model, subject.test
+    model, test, far = subject.model, subject.test, horizon(subject)
     errors: dict[str, float] = {}
     likely: dict[str, float] = {}
     turns: dict[str, float] = {}
@@ -52,7 +53,8 @@ def measure(subject: Subject) -> dict[str, Any]:
                 turns[label] = float(np.clip(angles_walked(bots, radii) / (2 * np.pi), 0, 1).mean())
     drawn = subject.posteriors.sample(np.random.default_rng(subject.seed))
     steps = _steps(test)
-    thought = paths(imagined(model, first_observations(test), drawn, num_steps=LONGEST, choice=most_likely))
+    starts, seed = first_observations(test), subject.seed
+    thought = paths(imagine(model, starts, drawn, num_steps=LONGEST, choice=most_likely, seed=seed))
     done = paths(acted(model, ENV, drawn, choice=most_likely, seed=WORLDS + subject.seed))
     radii = np.array([RADII[label] for label in test.attribute("label").tolist()])
     return {
@@ -60,16 +62,28 @@ def measure(subject: Subject) -> dict[str, Any]:
         "radial_error": max(errors.values()),
         "radial_error_by_circle": errors,
         "radial_error_most_likely": max(likely.values()),
-        "radial_error_demonstrations": float((radius_errors(test, radii) / np.abs(radii)).mean()),
+        "radial_error_demonstrations": max(
+            float((radius_errors(test, radii) / np.abs(radii))[radii == radius].mean()) for radius in RADII.values()
+        ),
         "turn_completed": min(turns.values()),
         "turn_completed_by_circle": turns,
-        "decoder_consistency": float(apart(cut_to(thought, steps), done).mean()),
-        "horizon": horizon(subject),
+        "decoder_consistency": float(apart(cut_to(thought, steps), cut_to(done, steps)).mean()),
+        "horizon": far,
+        "horizon_end": far[-1],
     }
 
 
+def measure_cloning(subject: Subject) -> dict[str, Any]:
+    """`horizon` and `horizon_end` alone, for a bot without styles."""
+    far = horizon(subject)
+    return {"horizon": far, "horizon_end": far[-1]}
+
+
 def horizon(subject: Subject) -> list[float]:
-    """(T + 1,) mean distance at each step from the bots of all styles to the nearest of the three circles."""
+    """(T + 1,) mean distance at each step from the bots of all styles to the circle that each is nearest to on average.
+
+    All walk for 126 steps; who keeps to a circle of radius 10 walks around it twice.
+    """
     weights = [style.weight for style in subject.playstyles.styles]
     errors = [
         off_circle(np.stack(paths(subject.play(style, Arena(ENV, episodes=subject.episodes))))).mean(0)
@@ -79,11 +93,11 @@ def horizon(subject: Subject) -> list[float]:
 
 
 def off_circle(places: FloatArray) -> FloatArray:
-    """(...,) distance from places (..., 2) to the nearest of the three circles."""
+    """(E, T) distance at each step of each path (E, T, 2) to the circle that it is nearest to on average."""
     radii = np.array(list(RADII.values()))
     centres = np.stack([np.zeros(3), radii], axis=1)
-    away = np.linalg.norm(places[..., None, :] - centres, axis=-1)
-    nearest: FloatArray = np.abs(away - np.abs(radii)).min(axis=-1)
+    away = np.abs(np.linalg.norm(places[:, None] - centres[:, None], axis=-1) - np.abs(radii)[:, None])
+    nearest: FloatArray = np.take_along_axis(away, away.mean(-1).argmin(-1)[:, None, None], axis=1)[:, 0]
     return nearest
 
 
@@ -97,7 +111,7 @@ def draw(subject: Subject) -> list[Picture]:
     drawn, steps = subject.posteriors.means[:_SHOWN], _steps(test)
     starts, seed = first_observations(test), WORLDS + subject.seed
     truth = paths(test)
-    thought = cut_to(paths(imagined(model, starts, drawn, num_steps=LONGEST, choice=sampled)), steps)
+    thought = cut_to(paths(imagine(model, starts, drawn, num_steps=LONGEST, choice=sampled, seed=subject.seed)), steps)
     done = cut_to(paths(acted(model, ENV, drawn, choice=sampled, seed=seed)), steps)
     panels = {"ground truth": truth, "state decoder": thought, "policy decoder": done}
     labels = test.attribute("label").tolist()

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 
 from tvae.evaluate.over_seeds import band
-from tvae.experiments.reproduction.numbers import Picture, stacked
+from tvae.experiments.reproduction.numbers import Picture, Runs, stacked
 from tvae.figures.horizon import horizon
 from tvae.figures.panels import Band
 
@@ -20,7 +17,7 @@ _NAMES = {
 }
 
 
-def horizon_picture(runs: Mapping[str, Sequence[Mapping[str, Any]]], error: str) -> Picture:
+def horizon_picture(runs: Runs, error: str) -> Picture:
     """Mean error at each step, with 95 % intervals over seeds; a bot starts where demonstrations start."""
     bands, tables = {}, []
     for preset, name in _NAMES.items():

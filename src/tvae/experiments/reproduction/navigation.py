@@ -12,11 +12,12 @@ from tvae.envs.plane import direction
 from tvae.evaluate.paths import apart, ends, to_nearest
 from tvae.experiments.arenas import Arena
 from tvae.experiments.reproduction.numbers import Picture, path_table, point_table, stacked
-from tvae.experiments.reproduction.subject import TEST, WORLDS, Subject, acted, first_observations, imagined, paths
+from tvae.experiments.reproduction.subject import TEST, WORLDS, Subject, acted, first_observations, paths
 from tvae.figures.interpolation import interpolation
 from tvae.figures.panels import Landmark
 from tvae.figures.reconstructions import reconstructions
 from tvae.generate.decoding import most_likely, sampled
+from tvae.generate.open_loop import imagine
 from tvae.spaces import FloatArray, IntArray
 
 ENV = "tvae/Navigation-v0"
@@ -44,10 +45,10 @@ def measure(subject: Subject) -> dict[str, Any]:
 
     `end_distance`: from where the bot ends to the goal of the very test trajectory from which its z was drawn,
     with sampled actions. `decoder_consistency`: mean distance of the state decoder's path and the policy decoder's,
-    both most likely, at the same z. `horizon`: mean distance, step by step, from bots of all styles to the nearest
-    test trajectory.
+    both most likely, at the same z, over all 100 steps. `horizon`: mean distance, step by step, from bots of all
+    styles to the test trajectory that each is nearest to on average; `horizon_end` its last.
     """
-    model, test = subject.model, subject.test
+    model, test, far = subject.model, subject.test, horizon(subject)
     goals = np.stack([test.attribute("goal_x"), test.attribute("goal_y")], axis=1)
     drawn = subject.posteriors.sample(np.random.default_rng(subject.seed))
     starts, seed = first_observations(test), WORLDS + subject.seed
@@ -56,7 +57,7 @@ def measure(subject: Subject) -> dict[str, Any]:
         return float(np.linalg.norm(ends(places) - goals, axis=1).mean())
 
     noise_free = paths(acted(model, ENV, drawn, choice=most_likely, seed=seed))
-    thought = paths(imagined(model, starts, drawn, num_steps=NUM_STEPS, choice=most_likely))
+    thought = paths(imagine(model, starts, drawn, num_steps=NUM_STEPS, choice=most_likely, seed=subject.seed))
     return {
         **subject.common(),
         "end_distance": end_distance(paths(acted(model, ENV, drawn, choice=sampled, seed=seed))),
@@ -67,12 +68,19 @@ def measure(subject: Subject) -> dict[str, Any]:
         "end_distance_demonstrations": end_distance(paths(test)),
         "decoder_consistency": float(apart(thought, noise_free).mean()),
         "goals_reached_on_grid": _goals_on_grid(subject),
-        "horizon": horizon(subject),
+        "horizon": far,
+        "horizon_end": far[-1],
     }
 
 
+def measure_cloning(subject: Subject) -> dict[str, Any]:
+    """`horizon` and `horizon_end` alone, for a bot without styles."""
+    far = horizon(subject)
+    return {"horizon": far, "horizon_end": far[-1]}
+
+
 def horizon(subject: Subject) -> list[float]:
-    """(T + 1,) mean distance at each step from the bots of all styles to the nearest test trajectory."""
+    """(T + 1,) mean distance at each step from the bots of all styles to the test trajectory nearest to each."""
     references = np.stack(paths(subject.test))
     weights = [style.weight for style in subject.playstyles.styles]
     errors = [
@@ -87,7 +95,8 @@ def draw(subject: Subject) -> list[Picture]:
     model, test = subject.model, subject.test.select(list(range(_SHOWN)))
     drawn = subject.posteriors.means[:_SHOWN]
     truth = paths(test)
-    thought = paths(imagined(model, first_observations(test), drawn, num_steps=NUM_STEPS, choice=sampled))
+    starts = first_observations(test)
+    thought = paths(imagine(model, starts, drawn, num_steps=NUM_STEPS, choice=sampled, seed=subject.seed))
     done = paths(acted(model, ENV, drawn, choice=sampled, seed=WORLDS + subject.seed))
     panels = {"ground truth": truth, "state decoder": thought, "policy decoder": done}
     labels = test.attribute("label").tolist()
@@ -115,7 +124,7 @@ def _third(subject: Subject) -> Picture:
     grid = latent_grid(subject)
     flat = grid.reshape(-1, 2)
     starts = np.zeros((len(flat), 2))
-    thought = paths(imagined(subject.model, starts, flat, num_steps=NUM_STEPS, choice=most_likely))
+    thought = paths(imagine(subject.model, starts, flat, num_steps=NUM_STEPS, choice=most_likely, seed=subject.seed))
     done = paths(acted(subject.model, ENV, flat, choice=most_likely, seed=WORLDS + subject.seed))
     nearest = goal_reached(done).reshape(grid.shape[:2])
     side = grid.shape[1]

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,9 @@ from matplotlib.figure import Figure
 from tvae.figures.canvas import save
 from tvae.files import appearing
 from tvae.spaces import FloatArray
+
+Runs: TypeAlias = Mapping[str, Sequence[Mapping[str, Any]]]
+"""The metrics of each preset's seeds."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ _NAVIGATION = RunConfig(
     training=TrainingConfig(num_steps=6_000, batch_size=32, learning_rate=1e-2, kl_points=EVIDENCE),
 )
 _CIRCLE = RunConfig(
-    model=ModelConfig(window=4, stop=False), training=TrainingConfig(batch_size=32, kl_points=EVIDENCE)
+    model=ModelConfig(window=4, stop=False),
+    training=TrainingConfig(num_steps=3_500, batch_size=32, learning_rate=1e-2, kl_points=EVIDENCE),
 )
 _ZOMBIE = RunConfig()
 
@@ -37,11 +38,13 @@ def _as_the_paper(config: RunConfig) -> RunConfig:
 
 
 def _behavioural_cloning(config: RunConfig, window: int | None) -> RunConfig:
-    """The same policy decoder without z, trained on actions alone."""
+    """A policy decoder without z, trained on actions alone; its laws are mixtures of three, one for each style."""
     return replace(
         config,
-        model=replace(config.model, latent_features=0, stop=False, window=window),
-        training=replace(config.training, num_steps=2_000, state_weight=0.0, kl_points=EVIDENCE),
+        model=replace(config.model, latent_features=0, action_components=3, stop=False, window=window),
+        training=replace(
+            config.training, num_steps=2_000, learning_rate=5e-3, state_weight=0.0, kl_points=EVIDENCE
+        ),
     )
 
 
@@ -80,4 +83,4 @@ ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
         "plain_decoders": replace(_ZOMBIE, model=replace(_ZOMBIE.model, reactive=False)),
     },
 }
-"""One thing changed in our default at a time."""
+"""One thing changed in our default at a time; the term of the end goes with the state decoder, which it reads."""

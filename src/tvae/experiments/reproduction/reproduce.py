@@ -13,13 +13,14 @@ from typing import Any
 
 import torch
 from rich.console import Console
+from threadpoolctl import threadpool_limits
 
 from tvae.experiments.progress import counting
 from tvae.experiments.reproduction.cells import Cell, Effort
 from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.summary import summary, write_table
-from tvae.experiments.run_directory import write_json
+from tvae.experiments.run_directory import read_json, write_json
 from tvae.figures.architecture import architecture
 from tvae.figures.canvas import save
 from tvae.figures.video import require_video, save_animation
@@ -61,7 +62,7 @@ class Plan:
         return [cell for task in self.tasks for preset in self.presets(task) for cell in self.cells(task, preset)]
 
 
-def reproduce(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
+def reproduce(plan: Plan, *, jobs: int, device: str, force: bool, console: Console) -> None:
     """Do all of `plan`, `jobs` trainings at a time, each on one core; with `force` make its cells anew.
 
     Raises `CellError` before anything is trained where a stored cell is another one than asked for.
@@ -69,25 +70,25 @@ def reproduce(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
     if "zombie" in plan.tasks:
         require_video()
     cells = plan.all_cells()
-    if force:
-        for cell in cells:
-            shutil.rmtree(cell.directory, ignore_errors=True)
-    waiting = [cell for cell in cells if not cell.is_finished()]
+    waiting = cells if force else [cell for cell in cells if not cell.is_finished()]
     console.print(f"{len(cells)} trainings, {len(cells) - len(waiting)} of them done already")
-    train_all(waiting, jobs=jobs, console=console)
+    train_all(waiting, jobs=jobs, device=device, force=force, console=console)
     for task in plan.tasks:
         finish(plan, task, console=console)
     save(architecture(), plan.out / "architecture")
 
 
-def train_all(cells: Sequence[Cell], *, jobs: int, console: Console) -> None:
-    """Make these cells; the first that fails ends all of them."""
+def train_all(cells: Sequence[Cell], *, jobs: int, device: str, force: bool, console: Console) -> None:
+    """Make these cells; after the first that fails no other is begun."""
     with counting("trainings", len(cells), console) as done, _workers(min(jobs, max(len(cells), 1))) as pool:
-        results = {pool.submit(_make, cell): cell for cell in cells}
+        results = {pool.submit(_make, cell, device, force): cell for cell in cells}
         try:
             for count, result in enumerate(as_completed(results), 1):
                 result.result()
-                console.print(f"{results[result].name}: done", highlight=False)
+                cell = results[result]
+                for warning in read_json(cell.directory / "training.json")["warnings"]:
+                    console.print(f"{cell.name}: {warning}", style="yellow", markup=False)
+                console.print(f"{cell.name}: done", highlight=False)
                 done(count)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -101,9 +102,12 @@ def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
         yield pool
 
 
-def _make(cell: Cell) -> None:
+def _make(cell: Cell, device: str, force: bool) -> None:
     torch.set_num_threads(1)
-    cell.run()
+    with threadpool_limits(1):
+        if force and (cell.directory / "cell.json").exists():
+            shutil.rmtree(cell.directory)
+        cell.run(device)
 
 
 def finish(plan: Plan, task: str, *, console: Console) -> None:

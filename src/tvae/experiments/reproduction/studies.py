@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -12,13 +12,11 @@ from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.experiments.reproduction import circle, navigation, zombie, zombie_pictures
 from tvae.experiments.reproduction.horizon import horizon_picture
-from tvae.experiments.reproduction.numbers import Picture
+from tvae.experiments.reproduction.numbers import Picture, Runs
 from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS
 from tvae.experiments.reproduction.subject import Subject
 
 Measure: TypeAlias = Callable[[Subject], dict[str, Any]]
-Runs: TypeAlias = Mapping[str, Sequence[Mapping[str, Any]]]
-"""The metrics of each preset's seeds."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +50,10 @@ STUDIES: Mapping[str, Study] = {
         {
             "default": navigation.measure,
             "paper": navigation.measure,
-            **{name: lambda subject: {"horizon": navigation.horizon(subject)} for name in BESIDE["navigation"]},
+            **dict.fromkeys(BESIDE["navigation"], navigation.measure_cloning),
         },
         navigation.draw,
-        lambda runs: [horizon_picture(runs, "distance to the nearest test trajectory")],
+        lambda runs: [horizon_picture(runs, "distance to the nearest test path")],
     ),
     "circle": Study(
         "Circle",
@@ -65,7 +63,7 @@ STUDIES: Mapping[str, Study] = {
         {
             "default": circle.measure,
             "paper": circle.measure,
-            **{name: lambda subject: {"horizon": circle.horizon(subject)} for name in BESIDE["circle"]},
+            **dict.fromkeys(BESIDE["circle"], circle.measure_cloning),
         },
         circle.draw,
         lambda runs: [horizon_picture(runs, "distance to the nearest circle")],
@@ -80,6 +78,7 @@ STUDIES: Mapping[str, Study] = {
             "paper": zombie.measure,
             "windows": zombie.measure_with_windows,
             **dict.fromkeys(ABLATIONS["zombie"], zombie.measure_briefly),
+            "no_state_decoder": zombie.measure_bots,
         },
         zombie_pictures.draw,
         zombie_pictures.draw_across,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,12 +12,11 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.playstyles import label_agreement
 from tvae.evaluate.styles import Playstyles
-from tvae.experiments.analysis import names_of
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes, vector_env
+from tvae.experiments.findings import Findings
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import Choice, Fixed, LatentSource, sampled
-from tvae.generate.open_loop import imagine
+from tvae.generate.decoding import Choice, LatentSource, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import rollout
 from tvae.spaces import FloatArray, IntArray
@@ -47,7 +45,7 @@ class Subject:
 
     model: TrajectoryVAE
     demonstrations: Demonstrations
-    playstyles: Playstyles
+    findings: Findings
     test: Demonstrations
     seed: int
     episodes: int
@@ -63,18 +61,26 @@ class Subject:
         """(E,) the found style of each test demonstration."""
         return self.playstyles.assign(self.posteriors)[0]
 
-    @cached_property
-    def names(self) -> dict[int, str]:
-        """The label of each found style that has one to itself."""
-        return names_of(self.playstyles, self.demonstrations)
+    @property
+    def playstyles(self) -> Playstyles:
+        """The styles that were found."""
+        return self.findings.playstyles
+
+    def is_found(self, label: str) -> bool:
+        """Whether one of the found styles bears this label."""
+        return label in self.findings.labels.values()
 
     def latents(self, label: str) -> LatentSource:
-        """The found style of this label, else the training episodes that carry it."""
-        for style in self.playstyles.styles:
-            if self.names.get(style.index) == label:
-                return style
-        members = np.flatnonzero(self.demonstrations.attribute("label") == label)
-        return Labelled(encode(self.model, self.demonstrations.select(members)))
+        """The found style of this label; where there is none, training episodes that carry it."""
+        return self.findings.style(label) if self.is_found(label) else self._labelled[label]
+
+    @cached_property
+    def _labelled(self) -> dict[str, Labelled]:
+        labels = self.demonstrations.attribute("label")
+        return {
+            label: Labelled(encode(self.model, self.demonstrations.select(np.flatnonzero(labels == label))))
+            for label in np.unique(labels).tolist()
+        }
 
     def play(
         self, latents: LatentSource, arena: Arena, *, choice: Choice = sampled, window: int | None = None
@@ -97,7 +103,7 @@ class Subject:
         return {
             "playstyles": {
                 "num_found": len(self.playstyles),
-                "named": len(self.names),
+                "named": len(self.findings.labels),
                 "ari": label_agreement(self.assignment, labels),
             },
             "kl_nats": terms.kl,
@@ -112,24 +118,22 @@ def acted(
     """An episode of the policy decoder in the environment for each row of `z` (E, Z)."""
     envs = vector_env(Arena(env, episodes=len(z)))
     try:
-        return rollout(envs, LatentPolicy(model, _Rows(z), choice=choice), len(z), seed=seed)
+        return rollout(envs, LatentPolicy(model, _InTurn(z), choice=choice), len(z), seed=seed)
     finally:
         envs.close()
 
 
-class _Rows(Fixed):
+class _InTurn:
     """Rows of z one after another, over as many rounds of episodes as it takes."""
 
+    def __init__(self, z: FloatArray) -> None:
+        self.z = z
+
     def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
-        rows, self.z = self.z[:count], np.roll(self.z, -count, axis=0)
-        return np.resize(rows, (count, rows.shape[1]))
-
-
-def imagined(
-    model: TrajectoryVAE, starts: FloatArray, z: FloatArray, *, num_steps: int, choice: Choice
-) -> Demonstrations:
-    """What the state decoder imagines from first observations `starts` (E, O) and `z` (E, Z)."""
-    return imagine(model, starts, z, num_steps=num_steps, choice=choice)
+        """(count, Z) the next rows."""
+        rows = self.z[np.arange(count) % len(self.z)]
+        self.z = np.roll(self.z, -count, axis=0)
+        return rows
 
 
 def first_observations(demonstrations: Demonstrations) -> FloatArray:
@@ -137,6 +141,6 @@ def first_observations(demonstrations: Demonstrations) -> FloatArray:
     return demonstrations.observations[demonstrations.observation_starts]
 
 
-def paths(demonstrations: Demonstrations, columns: Sequence[int] = (0, 1)) -> list[FloatArray]:
-    """The places (T + 1, 2) of each episode, where observations have them in two columns."""
-    return [episode.observations[:, list(columns)] for episode in demonstrations]
+def paths(demonstrations: Demonstrations) -> list[FloatArray]:
+    """The places (T + 1, 2) of each episode, which the first two observations are."""
+    return [episode.observations[:, :2] for episode in demonstrations]

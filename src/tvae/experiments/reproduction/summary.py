@@ -13,29 +13,33 @@ from sklearn.metrics import adjusted_rand_score
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.files import appearing
 
-_HIDDEN = {"nats_per_trajectory", "success_by_window", "held_out", "wasserstein", "seeds", "commit", "versions"}
+_HIDDEN = {"nats_per_trajectory", "success_by_window", "wasserstein", "config"}
+"""Left to `metrics.json` and the figures."""
 
 
 def summary(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Means with 95 % intervals over the seeds, the agreement of their styles, and what made them.
 
     `between_seeds.ari`: adjusted Rand index of the styles that two seeds find in the same test demonstrations, over
-    all pairs of seeds.
+    all pairs of seeds that found more than one; the interval is that from the lowest to the highest pair.
     """
-    found = over_seeds([{name: run[name] for name in run if name not in {"cell", "versions"}} for run in runs])
+    found = over_seeds(runs)
     pairs = [
         float(adjusted_rand_score(first["test_assignment"], second["test_assignment"]))
         for first, second in combinations(runs, 2)
-        if "test_assignment" in first
+        if all(len(set(run.get("test_assignment", ()))) > 1 for run in (first, second))
     ]
     if pairs:
-        found["between_seeds"] = {"ari": float(np.mean(pairs)), "lowest_ari": min(pairs), "pairs": len(pairs)}
+        found["between_seeds"] = {
+            "ari": {"mean": float(np.mean(pairs)), "ci95": [min(pairs), max(pairs)], "pairs": len(pairs)}
+        }
     return {
         **found,
         "seeds": [run["cell"]["seed"] for run in runs],
         "episodes": runs[0]["cell"]["episodes"],
         "commit": ", ".join(sorted({str(run["commit"]) for run in runs})),
         "versions": runs[0]["versions"],
+        "warnings": sorted({warning for run in runs for warning in run["warnings"]}),
         "config": {name: runs[0]["cell"][name] for name in ("model", "training")},
     }
 
@@ -49,8 +53,8 @@ def write_table(columns: Mapping[str, Mapping[str, Any]], title: str, command: s
     lines = [
         f"# {title}",
         "",
-        "Means over seeds with 95 % intervals (Student's t). What each number means is in "
-        "[docs/paper.md](../docs/paper.md). Made by:",
+        "Means over seeds with 95 % intervals (Student's t over training seeds; all seeds share one test set, and each",
+        "has fresh worlds of its own). `docs/paper.md` says what each number means. Made by:",
         "",
         "```",
         command,
@@ -67,11 +71,11 @@ def write_table(columns: Mapping[str, Mapping[str, Any]], title: str, command: s
 def _leaves(found: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
     """Name and words of each number over seeds."""
     for name, value in found.items():
-        if not isinstance(value, Mapping) or (not path and name in _HIDDEN | {"config"}):
+        if not isinstance(value, Mapping) or (not path and name in _HIDDEN):
             continue
         if "ci95" in value:
-            low, high = value["ci95"]
-            yield f"{path}{name}", f"{_short(value['mean'])} [{_short(low)}, {_short(high)}]"
+            interval = "" if value["ci95"] is None else f" [{', '.join(_short(end) for end in value['ci95'])}]"
+            yield f"{path}{name}", f"{_short(value['mean'])}{interval}"
         else:
             yield from _leaves(value, f"{path}{name}.")
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.animation import FuncAnimation
@@ -13,8 +12,8 @@ from tvae.envs.zombie import success
 from tvae.envs.zombie_dynamics import NUM_STEPS
 from tvae.evaluate.over_seeds import band
 from tvae.experiments.arenas import Arena
-from tvae.experiments.reproduction.numbers import Picture, path_table, point_table, stacked
-from tvae.experiments.reproduction.subject import Subject, first_observations, imagined
+from tvae.experiments.reproduction.numbers import Picture, Runs, path_table, point_table, stacked
+from tvae.experiments.reproduction.subject import Subject, first_observations
 from tvae.experiments.reproduction.zombie import (
     ENV,
     FIELDS,
@@ -27,7 +26,6 @@ from tvae.experiments.reproduction.zombie import (
     demonstrated,
     distances_of,
     outcomes_of,
-    two_step_bot,
     until_goal,
 )
 from tvae.figures.animation import animate
@@ -38,12 +36,11 @@ from tvae.figures.scene import Scene, in_proportion
 from tvae.figures.windows import WindowedBot, windows
 from tvae.figures.zombie_reconstructions import zombie_reconstructions
 from tvae.generate.decoding import LatentSource, sampled
+from tvae.generate.open_loop import imagine
 from tvae.spaces import FloatArray
 
 _EXAMPLES = 3
 _SHOWN = 25
-Runs = Mapping[str, Sequence[Mapping[str, Any]]]
-"""The metrics of each preset's seeds."""
 
 
 def draw(subject: Subject) -> list[Picture]:
@@ -54,7 +51,7 @@ def draw(subject: Subject) -> list[Picture]:
 def _reconstructions(subject: Subject) -> Picture:
     drawn = subject.posteriors.means
     starts = first_observations(subject.test)
-    thought = imagined(subject.model, starts, drawn, num_steps=NUM_STEPS, choice=sampled)
+    thought = imagine(subject.model, starts, drawn, num_steps=NUM_STEPS, choice=sampled, seed=subject.seed)
     rows = {
         "ground truth": list(subject.test),
         "state decoder": [until_goal(episode) for episode in thought],
@@ -117,7 +114,7 @@ def draw_across(runs: Runs) -> list[Picture]:
                     "high": high.round(4).tolist(),
                 }
             )
-    by_hand = two_step_bot()
+    by_hand = float(np.mean([run["two_step_bot"] for run in runs["default"]]))
     figure = windows(WINDOWS, bands, bots=[WindowedBot("written by hand, W = 2", "attack", 2, by_hand)])
     facts = {"two_step_bot": by_hand, "seeds": {name: len(metrics) for name, metrics in found.items()}}
     return [Picture("figure-8", figure, stacked(tables), facts)]
