@@ -11,9 +11,9 @@ from tvae.figures.panels import Band
 
 _NAMES = {
     "default": "T-VAE",
-    "paper": "T-VAE, the paper's reading",
-    "cloning_lstm": "behavioural cloning, LSTM",
-    "cloning_memoryless": "behavioural cloning, memoryless",
+    "paper": "the paper's reading",
+    "cloning_lstm": "cloning, LSTM",
+    "cloning_memoryless": "cloning, memoryless",
 }
 
 

@@ -23,7 +23,7 @@ def summary(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     `between_seeds.ari`: adjusted Rand index of the styles that two seeds find in the same test demonstrations, over
     all pairs of seeds that found more than one; the interval is that from the lowest to the highest pair.
     """
-    found = over_seeds(runs)
+    found = over_seeds([{name: run[name] for name in run if name != "cell"} for run in runs])
     pairs = [
         float(adjusted_rand_score(first["test_assignment"], second["test_assignment"]))
         for first, second in combinations(runs, 2)
