@@ -154,7 +154,6 @@ def test_other_schema_versions_are_refused(saved: Path, version: object, message
         {"arguments": {"dropout": 2.0}},
         {"arguments": {"window": 0}},
         {"arguments": {"state_floor": 0}},
-        {"arguments": {"latent_features": 0, "prior_components": 2}},
         {"arguments": [1]},
         {"arguments": None},
         {"observation_space": [1, 2]},
