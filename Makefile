@@ -7,7 +7,7 @@ export SDL_VIDEODRIVER ?= dummy
 .PHONY: demo test lint wheel clean
 
 demo: .venv/installed
-	.venv/bin/tvae demo --out runs/demo --force
+	OMP_NUM_THREADS=1 .venv/bin/tvae demo --out runs/demo --force
 
 test: .venv/installed-test
 	OMP_NUM_THREADS=1 .venv/bin/pytest --numprocesses 2 --cov --cov-branch --cov-report term:skip-covered --cov-fail-under 90
