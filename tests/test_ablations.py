@@ -13,8 +13,9 @@ from toys import noise, untrained
 from tvae.config import ModelConfig, RunConfig, TrainingConfig
 from tvae.data.batches import TrajectoryBatch, batch_of
 from tvae.evaluate.likelihood import importance_weighted_bound
-from tvae.model.elbo import cut, log_likelihood, whole
+from tvae.model.elbo import log_likelihood
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import cut, whole
 
 DEMONSTRATIONS = noise([5, 3, 6], [True, False, True])
 

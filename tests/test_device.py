@@ -6,7 +6,8 @@ import torch
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.data.batches import TrajectoryBatch
 from tvae.device import DeviceError, reseed, resolve_device, seeded
-from tvae.model.elbo import elbo, whole
+from tvae.model.elbo import elbo
+from tvae.model.windows import whole
 from tvae.train.fitting import fit
 
 
@@ -78,7 +79,7 @@ def test_a_step_happens_where_the_weights_are(arguments: dict):
     batch = TrajectoryBatch(
         observations, observations, actions, lengths, torch.ones(2, 5, dtype=torch.bool, device=meta)
     )
-    terms = elbo(model, batch, whole(batch))
+    terms = elbo(model, batch, policy=whole(batch), state=whole(batch))
     terms.value().mean().backward()
     assert {value.device for value in (terms.policy, terms.state, terms.stop, terms.kl)} == {meta}
     assert {parameter.grad.device for parameter in model.parameters()} == {meta}

@@ -111,7 +111,8 @@ def test_the_window_of_the_training_is_the_default(starts: np.ndarray, latents: 
     assert_same(imagine(narrow, starts, latents, num_steps=6), imagine(narrow, starts, latents, num_steps=6, window=2))
     policy = LatentPolicy(narrow, Fixed(Z))
     assert policy.window == 2
-    assert LatentPolicy(narrow, Fixed(Z), window=5).window == 5
+    assert LatentPolicy(narrow, Fixed(Z), window=1).window == 1
+    assert LatentPolicy(narrow, Fixed(Z), window=5).window == 2
 
 
 @pytest.mark.parametrize("dynamics", [False, True])

@@ -11,8 +11,9 @@ from toys import ACTIONS, OBSERVATIONS
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
-from tvae.model.elbo import Windows, cut, log_likelihood, whole
+from tvae.model.elbo import log_likelihood
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import Windows, cut, whole
 from tvae.spaces import Space
 
 
@@ -48,7 +49,7 @@ def fixed_model(demonstrations: Demonstrations, **arguments: object) -> Trajecto
 def case(demonstrations: Demonstrations, name: str) -> tuple[TrajectoryVAE, Demonstrations, Windows | None]:
     """The arguments of `terms`."""
     if name == "paper":
-        return fixed_model(demonstrations, stop=False, reactive=False), demonstrations, None
+        return fixed_model(demonstrations, stop=False, reactive=False, events=False), demonstrations, None
     model = fixed_model(
         demonstrations,
         latent_features=3,

@@ -20,10 +20,11 @@ from toys import noise
 from tvae.data.batches import TrajectoryBatch, batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.heads import Head
-from tvae.model.elbo import cut, elbo, log_likelihood, whole
+from tvae.model.elbo import elbo, log_likelihood
 from tvae.model.latent import GaussianMixture
 from tvae.model.trunks import ReactiveTrunk
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import cut, whole
 from tvae.spaces import Continuous, Space
 
 PLANE = Space((Continuous("x"), Continuous("y")))
@@ -192,14 +193,14 @@ def test_objective_with_a_prior_without_closed_form_is_the_evidence_at_any_sampl
     model = deepcopy(world.model)
     model.encoder, model.prior = Known(world.posterior), same
     for _ in range(10):
-        terms = elbo(model, world.batch, whole(world.batch))
+        terms = elbo(model, world.batch, policy=whole(world.batch), state=whole(world.batch))
         torch.testing.assert_close(terms.value(), world.evidence, rtol=1e-5, atol=1e-6)
 
 
 def test_objective_keeps_its_terms_apart(world: World):
     model = deepcopy(world.model)
     model.encoder = Known(world.posterior)
-    terms = elbo(model, world.batch, whole(world.batch))
+    terms = elbo(model, world.batch, policy=whole(world.batch), state=whole(world.batch))
     unit = Normal(torch.zeros_like(world.posterior.mean), torch.ones_like(world.posterior.mean))
     torch.testing.assert_close(terms.kl, kl_divergence(world.posterior, unit).sum(-1))
     torch.testing.assert_close(terms.value(4.0), terms.policy + terms.state - 4 * terms.kl)

@@ -12,8 +12,9 @@ from safetensors.torch import load_file, save_file
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.data.batches import batch_of
 from tvae.errors import ModelError
-from tvae.model.elbo import log_likelihood, whole
+from tvae.model.elbo import log_likelihood
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import whole
 
 EXTREMES = {
     "plain": {},

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.data.batches import TrajectoryBatch, batch_of
-from tvae.model.elbo import cut, log_likelihood, whole
+from tvae.model.elbo import log_likelihood
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import cut, whole
 
 MODELS = {
     "plain": {},

@@ -17,14 +17,17 @@ from torch import Tensor, nn
 from toys import noise, two_styles, untrained
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
-from tvae.model.elbo import cut, elbo, whole
+from tvae.model.elbo import elbo
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import cut, whole
 from tvae.train.checkpoint import CheckpointError, Record, Terms
 from tvae.train.fitting import fit, new_model
 from tvae.train.loop import Observer, TrainingError, TrainingWarning, evaluate, train
-from tvae.train.schedules import RAISED_LATE, Budget, Constant, KLSchedule, Piecewise
+from tvae.train.schedules import Budget, Constant, KLSchedule, Piecewise
 
 QUICK = {"num_steps": 60, "batch_size": 8, "evaluate_every": 10, "learning_rate": 5e-3}
+
+RAISED_LATE = Piecewise(((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)))
 
 
 class KilledError(Exception):
@@ -100,7 +103,7 @@ def test_every_parameter_gets_a_gradient(name: str):
     model = untrained(demonstrations, **CONFIGURATIONS[name]).train()
     batch = batch_of(demonstrations, np.arange(4))
     windows = whole(batch) if model.window is None else cut(batch.lengths, model.window, 1)
-    (-elbo(model, batch, windows).value().mean()).backward()
+    (-elbo(model, batch, policy=windows, state=windows).value().mean()).backward()
     gradients = {name: parameter.grad for name, parameter in model.named_parameters()}
     assert all(gradient is not None and gradient.isfinite().all() for gradient in gradients.values())
     assert [name for name, gradient in gradients.items() if not gradient.any()] == []

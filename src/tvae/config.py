@@ -19,12 +19,12 @@ class ModelConfig:
     """Size of every recurrent net."""
     dropout: float = 0.0
     """Probability with which a feature inside a network is dropped in training."""
-    window: int | None = None
-    """The most past states that a decoder sees, in training and as a bot; all of them if not given."""
+    window: int | None = 4
+    """The most past states that a decoder sees; a bot sees the fewest that lose nothing. None for all of them."""
     stop: bool = True
     """Model the end of an episode. Turn it off for segments of long recordings, whose ends mean nothing."""
-    action_components: int = 1
-    """Laws in the mixture of each action."""
+    action_components: int = 3
+    """Laws in the mixture of each action: left or right around an obstacle, but never straight into it."""
     state_components: int = 1
     """Laws in the mixture of each next state; more for worlds that mostly rest and then leap."""
     prior_components: int = 4
@@ -39,6 +39,8 @@ class ModelConfig:
     """Let the decoders' heads see the present state and its last change beside what the LSTM remembers."""
     dynamics: bool = False
     """Let the state decoder read the actions beside the states, so that it says what each leads to."""
+    events: bool = True
+    """Take binary actions for events: a style uses one or not, and what was done is remembered."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +51,13 @@ class TrainingConfig:
     """Most steps of gradient descent."""
     batch_size: int = 64
     """Trajectories in a step."""
-    learning_rate: float = 5e-3
+    learning_rate: float = 1e-2
     """Of Adam, at the start."""
     clip: float = 1.0
     """Largest gradient norm of each of encoder, prior and decoders."""
     state_weight: float = 1.0
     """Weight of the state term; 0 trains without a state decoder."""
-    kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.4, 1.0), (0.5, 10.0))
+    kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0),)
     """Weight of the KL term: straight lines between (progress, weight)."""
     evaluate_every: int = 100
     """Steps between evaluations on held-out demonstrations, which are also when a checkpoint is written."""

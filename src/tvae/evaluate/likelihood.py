@@ -24,8 +24,9 @@ from torch import Tensor
 from tvae.data.batches import TrajectoryBatch, batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
-from tvae.model.elbo import Windows, cut, log_likelihood, whole
+from tvae.model.elbo import policy_log_likelihood, state_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import cut, whole
 from tvae.spaces import FloatArray
 
 
@@ -73,11 +74,15 @@ def _log_weights(
 ) -> tuple[Float[Tensor, "K B"], Float[Tensor, "K B"]]:
     """log p(tau | z) p(z) / q(z | tau) at each sample, of everything and of the actions alone."""
     posterior = model.posterior(batch)
-    windows: Windows = whole(batch) if model.window is None else cut(batch.lengths, model.window, 0)
+    for_policy, for_state = (
+        whole(batch) if window is None else cut(batch.lengths, window, 0)
+        for window in (model.bot_window, model.window)
+    )
     everything, actions = [], []
     for _ in range(num_samples):
         z = posterior.sample()
-        policy, state, stop = log_likelihood(model, batch, z, windows)
+        policy = policy_log_likelihood(model, batch, z, for_policy)
+        state, stop = state_log_likelihood(model, batch, z, for_state)
         cost = posterior.log_prob(z).sum(-1) - model.prior.log_prob(z)
         everything.append(policy + state + stop - cost)
         actions.append(policy - cost)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from copy import copy
 from typing import Any
 
@@ -13,7 +14,17 @@ from gymnasium.vector import VectorEnv
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.device import seeded
-from tvae.generate.decoding import Choice, Fixed, LatentSource, Recurrence, latent_of, sampled, tensor_of
+from tvae.generate.decoding import (
+    Choice,
+    EventMemory,
+    Fixed,
+    LatentSource,
+    Recurrence,
+    latent_of,
+    narrower,
+    sampled,
+    tensor_of,
+)
 from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import as_vector, check_spaces
@@ -24,7 +35,9 @@ from tvae.spaces import FloatArray
 class LatentPolicy:
     """pi(a_t | s_1:t, z) in many episodes at once, z drawn afresh for each from `latents`.
 
-    A `Policy` for `tvae.rollouts.rollout`. `window` is the rolling window W; by default the one of the training.
+    A `Policy` for `tvae.rollouts.rollout`. `window` is the rolling window W; by default the model's `bot_window`, and
+    never a longer one than that of its training. What the window forgets are states: the bot still knows which events
+    it has used.
     """
 
     def __init__(
@@ -38,15 +51,20 @@ class LatentPolicy:
         self.model = model
         self.latents = latents
         self.choice = choice
-        self.window = model.window if window is None else window
+        self.window = model.bot_window if window is None else narrower(model.window, window)
 
     def reset(self, num_episodes: int, seed: int) -> None:
         """Begin `num_episodes` new episodes, each with a z of its own."""
         rng = np.random.default_rng(seed)
         self.z = self.latents.sample(num_episodes, rng)
         self._seeds = rng
-        decoder = self.model.policy_decoder
-        self._recurrence = Recurrence(decoder.trunk, latent_of(self.model, self.z, num_episodes), self.window)
+        latent = latent_of(self.model, self.z, num_episodes)
+        self._recurrence = Recurrence(self.model.policy_decoder.trunk, latent, self.window)
+        with torch.inference_mode(), self._next_seed():
+            self._events = EventMemory(self.model, latent, self.choice)
+
+    def _next_seed(self) -> AbstractContextManager[None]:
+        return seeded(int(self._seeds.integers(2**62)), self.model.device)
 
     @torch.inference_mode()
     def act(self, observations: FloatArray) -> FloatArray:
@@ -55,10 +73,11 @@ class LatentPolicy:
         problem = model.observation_space.first_problem(observations)
         if problem is not None:
             raise DataError(f"episode {problem.row}, column observation.{problem.column}: {problem.message}")
-        values = model.observation_normalizer.values(tensor_of(model, observations))
-        features = self._recurrence.step(model.observation_normalizer.features(values))
-        with seeded(int(self._seeds.integers(2**62)), model.device):
-            actions = self.choice(model.policy_decoder.law(features))
+        inputs = model.policy_decoder_inputs(tensor_of(model, observations), self._events.done)
+        law = self._events.law(model.policy_decoder.law(self._recurrence.step(inputs)))
+        with self._next_seed():
+            actions = self.choice(law)
+        self._events.note(law, actions)
         return model.action_normalizer.raw(actions).double().cpu().numpy()
 
 

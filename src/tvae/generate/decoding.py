@@ -16,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from tvae.distributions import RowDistribution
+from tvae.model.events import SURE
 from tvae.model.trunks import Memory, Trunk
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray
@@ -81,6 +82,43 @@ class Recurrence:
             self._recent.append(states)
             features, _ = self._trunk(torch.stack(tuple(self._recent), dim=1), self._z)
         return features[:, -1]
+
+
+def narrower(first: int | None, second: int | None) -> int | None:
+    """The shorter of two windows; None is one without end.
+
+    >>> narrower(4, None), narrower(None, None), narrower(4, 2)
+    (4, None, 2)
+    """
+    given = [window for window in (first, second) if window is not None]
+    return min(given, default=None)
+
+
+class EventMemory:
+    """Which events may occur in each episode, drawn once, and which are done.
+
+    An event that occurred at hazards h_1, h_2, ... was due at one of these moments with the probability
+    1 - prod_i (1 - h_i). From `SURE` on it counts as done.
+    """
+
+    def __init__(self, model: TrajectoryVAE, z: Float[Tensor, "N Z"], choice: Choice) -> None:
+        self._events = model.events
+        self._used = choice(model.events.occurrence(z)) > 0.5
+        self._missed = torch.ones_like(self._used, dtype=z.dtype)
+
+    @property
+    def done(self) -> Float[Tensor, "N E"]:
+        """(N, number of events): 1 where an event has occurred, and surely when it was due."""
+        return (self._missed <= 1 - SURE).to(self._missed.dtype)
+
+    def law(self, law: RowDistribution) -> RowDistribution:
+        """The law of actions in which nothing occurs that does not occur in the episode."""
+        return self._events.given(law, self._used)
+
+    def note(self, law: RowDistribution, actions: Float[Tensor, "N A"]) -> None:
+        """Remember the events among actions that were drawn from `law`."""
+        if self._events.num_events:
+            self._missed = self._missed * (1 - self._events.hazard(law) * self._events.of(actions))
 
 
 def tensor_of(model: TrajectoryVAE, rows: FloatArray) -> Tensor:

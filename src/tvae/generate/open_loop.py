@@ -12,7 +12,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.device import seeded
 from tvae.distributions import Columns, Joint
-from tvae.generate.decoding import Choice, Recurrence, latent_of, sampled, tensor_of
+from tvae.generate.decoding import Choice, EventMemory, Recurrence, latent_of, narrower, sampled, tensor_of
 from tvae.gymnasium_spaces import wrap
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray
@@ -44,16 +44,22 @@ def imagine(
         raise ValueError(f"num_steps must be at least 1, got {num_steps}")
     normalizer, states, policy = model.observation_normalizer, model.state_decoder, model.policy_decoder
     latent = latent_of(model, z, len(starts))
-    window = model.window if window is None else window
-    state_memory, policy_memory = (Recurrence(d.trunk, latent, window) for d in (states, policy))
+    state_memory = Recurrence(states.trunk, latent, narrower(model.window, window))
+    policy_memory = Recurrence(
+        policy.trunk, latent, model.bot_window if window is None else narrower(model.window, window)
+    )
     values = normalizer.values(tensor_of(model, starts))
     observations, actions = [np.asarray(starts, dtype=np.float64)], []
     lengths = np.full(len(starts), num_steps, dtype=np.int64)
     angular = model.observation_space.angular
     with seeded(seed, model.device):
+        events = EventMemory(model, latent, choice)
         for step in range(1, num_steps + 1):
             features = normalizer.features(values)
-            action = choice(policy.law(policy_memory.step(features)))
+            inputs = model.policy_decoder_inputs(normalizer.raw(values), events.done)
+            law = events.law(policy.law(policy_memory.step(inputs)))
+            action = choice(law)
+            events.note(law, action)
             actions.append(_rows(model.action_normalizer.raw(action)))
             remembered = state_memory.step(model.state_decoder_inputs(features, action))
             values = choice(states.head(remembered, values))

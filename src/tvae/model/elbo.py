@@ -15,12 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from tvae.data.batches import TrajectoryBatch
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import Windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class Elbo:
     """The terms for each of B trajectories, in nats."""
 
     policy: Float[Tensor, " B"]
-    """sum_t log pi(a_t | s_1:t, z)"""
+    """sum_t log pi(a_t | s_1:t, z), and log p(E | z) of the model's events (`tvae.model.events`)"""
     state: Float[Tensor, " B"]
     """sum_t log p(s_t+1 | s_1:t, z), over the next states that were recorded"""
     stop: Float[Tensor, " B"]
@@ -41,67 +42,60 @@ class Elbo:
         return self.policy + state_weight * self.state + self.stop - beta * self.kl
 
 
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """Where to cut trajectories into windows: rows (trajectory, first step) and the steps that each holds."""
-
-    trajectory: Int[Tensor, " R"]
-    steps: Int[Tensor, "R W"]
-    valid: Bool[Tensor, "R W"]
-
-
-def cut(lengths: Int[Tensor, " B"], window: int, offset: int) -> Windows:
-    """Windows of `window` steps that together hold every step once; the first one ends after `offset` steps.
-
-    >>> windows = cut(torch.tensor([5, 2]), window=3, offset=1)
-    >>> [steps[valid].tolist() for steps, valid in zip(windows.steps, windows.valid)]
-    [[0], [1, 2, 3], [4], [0], [1]]
-    """
-    longest = int(lengths.max())
-    starts = torch.tensor([0, *range(offset or window, longest, window)], device=lengths.device)
-    ends = torch.cat([starts[1:], starts.new_tensor([longest])])
-    steps = starts[:, None] + torch.arange(min(window, longest), device=lengths.device)
-    valid = (steps < ends[:, None]) & (steps < lengths[:, None, None])
-    trajectory, piece = torch.nonzero(valid[..., 0], as_tuple=True)
-    return Windows(trajectory, steps[piece].clamp_max(longest - 1), valid[trajectory, piece])
+def policy_log_likelihood(
+    model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
+) -> Float[Tensor, " B"]:
+    """The policy term of each trajectory at `z`; in each window the decoder starts without memory."""
+    at = (windows.trajectory[:, None], windows.steps)
+    recorded = torch.where(batch.mask[..., None], batch.actions, torch.zeros_like(batch.actions))
+    used, done = model.events.used(recorded), model.events.done(recorded)
+    inputs = model.policy_decoder_inputs(batch.observations[at], done[at])
+    law = model.events.given(
+        model.policy_decoder(inputs, z[windows.trajectory]), used[windows.trajectory][:, None]
+    )
+    terms = law.log_prob(model.action_normalizer.values(batch.actions[at]))
+    return _total(terms, windows.valid, windows, batch) + model.events.log_prob(z, used)
 
 
-def whole(batch: TrajectoryBatch) -> Windows:
-    """Every trajectory as one window."""
-    steps = torch.arange(batch.actions.shape[1], device=batch.lengths.device)
-    everyone = torch.arange(len(batch), device=batch.lengths.device)
-    return Windows(everyone, steps.expand(len(batch), -1), batch.mask)
+def state_log_likelihood(
+    model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
+) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"]]:
+    """The state and stop terms of each trajectory at `z`; in each window the decoder starts without memory."""
+    at = (windows.trajectory[:, None], windows.steps)
+    values = model.observation_normalizer.values(batch.observations[at])
+    states = model.observation_normalizer.features(values)
+    actions = model.action_normalizer.values(batch.actions[at])
+    following, log_odds = model.state_decoder(
+        model.state_decoder_inputs(states, actions), values, z[windows.trajectory]
+    )
+    terms = following.log_prob(model.observation_normalizer.values(batch.next_observations[at]))
+    state = _total(terms, windows.valid & batch.next_known[at], windows, batch)
+    if not model.stop:
+        return state, torch.zeros_like(state)
+    last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(log_odds.dtype)
+    terms = -binary_cross_entropy_with_logits(log_odds, last, reduction="none")
+    return state, _total(terms, windows.valid, windows, batch)
+
+
+def _total(terms: Tensor, where: Tensor, windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:
+    """The sum over the windows of each trajectory."""
+    rows = torch.where(where, terms, torch.zeros_like(terms)).sum(1)
+    return torch.zeros_like(batch.lengths, dtype=rows.dtype).index_add(0, windows.trajectory, rows)
 
 
 def log_likelihood(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"], Float[Tensor, " B"]]:
-    """Policy, state and stop terms of each trajectory at `z`; in each window the decoders start without memory."""
-    at = (windows.trajectory[:, None], windows.steps)
-    values = model.observation_normalizer.values(batch.observations[at])
-    states = model.observation_normalizer.features(values)
-    latent = z[windows.trajectory]
-    actions = model.action_normalizer.values(batch.actions[at])
-    policy = model.policy_decoder(states, latent).log_prob(actions)
-    following, log_odds = model.state_decoder(model.state_decoder_inputs(states, actions), values, latent)
-    state = following.log_prob(model.observation_normalizer.values(batch.next_observations[at]))
-    last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(log_odds.dtype)
-    stop = -binary_cross_entropy_with_logits(log_odds, last, reduction="none")
-
-    def total(terms: Tensor, where: Tensor) -> Tensor:
-        rows = torch.where(where, terms, torch.zeros_like(terms)).sum(1)
-        return torch.zeros_like(batch.lengths, dtype=rows.dtype).index_add(0, windows.trajectory, rows)
-
-    return (
-        total(policy, windows.valid),
-        total(state, windows.valid & batch.next_known[at]),
-        total(stop, windows.valid) if model.stop else torch.zeros_like(batch.lengths, dtype=z.dtype),
-    )
+    """Policy, state and stop terms of each trajectory at `z`, with both decoders in the same windows."""
+    return policy_log_likelihood(model, batch, z, windows), *state_log_likelihood(model, batch, z, windows)
 
 
-def elbo(model: TrajectoryVAE, batch: TrajectoryBatch, windows: Windows) -> Elbo:
-    """One-sample estimate of the bound's terms; the decoders see each of `windows` on its own."""
+def elbo(model: TrajectoryVAE, batch: TrajectoryBatch, *, policy: Windows, state: Windows) -> Elbo:
+    """One-sample estimate of the bound's terms; each decoder sees each of its windows on its own."""
     posterior = model.posterior(batch)
     z = posterior.rsample()
-    policy, state, stop = log_likelihood(model, batch, z, windows)
-    return Elbo(policy, state, stop, model.prior.kl(posterior, z))
+    return Elbo(
+        policy_log_likelihood(model, batch, z, policy),
+        *state_log_likelihood(model, batch, z, state),
+        model.prior.kl(posterior, z),
+    )

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import silu
 
 _LARGEST = 20.0
 """A change of more typical changes than this, which training may never have shown, counts as so many."""
@@ -78,9 +77,13 @@ class ReactiveTrunk(Trunk):
 
     `unit` is the typical change in one step (1 for features of actions), and d_t at most 20 of it, so that a heading or
     a speed, which are small next to the span of the places where they occur, is seen as clearly as the place. x_t joins
-    the LSTM's output in one further layer, and joins that layer's output too: reacting to what is seen now needs no
+    the LSTM's output in two further layers, and joins their output too: reacting to what is seen now needs no
     detour through memory, and following it ("go where it is") is linear. Dropout touches what is remembered and mixed,
     never x_t: who cannot see clearly cannot steer.
+
+    z weighs every feature but itself by 1 + g(z), a feature-wise modulation (Perez et al. 2018, arXiv 1709.07871), so
+    that a style has features of its own. Where z is only one more input, a style that meets a state which it never met
+    in training does there what the other styles do.
 
     >>> trunk = ReactiveTrunk(in_features=3, latent_features=2, hidden_features=8)
     >>> features, _ = trunk(torch.zeros(5, 7, 3), torch.zeros(5, 2))
@@ -91,21 +94,38 @@ class ReactiveTrunk(Trunk):
     def __init__(
         self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0
     ) -> None:
+        weighed = hidden_features + 2 * in_features
         seen = 2 * in_features + latent_features
-        super().__init__(in_features, hidden_features + seen)
+        super().__init__(in_features, weighed + latent_features)
         self.dropout = nn.Dropout(dropout)
         self.recurrent = nn.LSTM(seen, hidden_features, batch_first=True)
-        self.mix = nn.Linear(seen + hidden_features, hidden_features)
+        self.mix = nn.Sequential(
+            nn.Linear(seen + hidden_features, hidden_features),
+            nn.SiLU(),
+            nn.Linear(hidden_features, hidden_features),
+            nn.SiLU(),
+        )
+        self.by_style = (
+            nn.Sequential(
+                nn.Linear(latent_features, hidden_features // 2), nn.SiLU(), nn.Linear(hidden_features // 2, weighed)
+            )
+            if latent_features
+            else None
+        )
 
     def forward(
         self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
     ) -> tuple[Float[Tensor, "B T F"], Memory]:
         last = inputs[:, :1] if memory is None else memory.last
         changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-_LARGEST, _LARGEST)
-        seen = torch.cat([inputs, changes, _at_every_step(z, inputs)], dim=-1)
+        latent = _at_every_step(z, inputs)
+        seen = torch.cat([inputs, changes, latent], dim=-1)
         remembered, (hidden, cell) = self.recurrent(seen, None if memory is None else memory[:2])
-        mixed = silu(self.mix(torch.cat([seen, self.dropout(remembered)], dim=-1)))
-        return torch.cat([self.dropout(mixed), seen], dim=-1), Memory(hidden, cell, inputs[:, -1:])
+        mixed = self.mix(torch.cat([seen, self.dropout(remembered)], dim=-1))
+        weighed = torch.cat([self.dropout(mixed), inputs, changes], dim=-1)
+        if self.by_style is not None:
+            weighed = weighed * (1 + self.by_style(z)[:, None])
+        return torch.cat([weighed, latent], dim=-1), Memory(hidden, cell, inputs[:, -1:])
 
 
 def _at_every_step(z: Float[Tensor, "B Z"], inputs: Float[Tensor, "B T S"]) -> Float[Tensor, "B T Z"]:

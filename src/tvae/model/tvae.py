@@ -22,12 +22,14 @@ from tvae.errors import ModelError
 from tvae.files import appearing
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
+from tvae.model.events import Events
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
+from tvae.model.perception import NoPerception, Perception
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
 from tvae.spaces import IntArray, Space
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _CALIBRATION_ROWS = 1_000_000
 
 
@@ -39,7 +41,7 @@ class TrajectoryVAE(nn.Module):
     | q(z given tau)            | `encoder`        |
     | p(z)                      | `prior`          |
     | p(s_t+1 given s_1:t, z)   | `state_decoder`  |
-    | pi(a_t given s_1:t, z)    | `policy_decoder` |
+    | pi(a_t given s_1:t, z)    | `policy_decoder`, and `events` for binary actions |
 
     The constructor's arguments are plain data; a saved model holds them and nothing else beside its weights.
 
@@ -57,7 +59,10 @@ class TrajectoryVAE(nn.Module):
         action_floor: smallest standard deviation of an action, in its own standard deviations (angles: radians).
         encode_actions: whether the encoder reads the actions; without them it is q(z | s_1:T).
         reactive: whether the decoders' heads see the present state and its last change beside what the LSTM
-            remembers (`ReactiveTrunk`); without it they see the LSTM's output alone, as in the paper (`PlainTrunk`).
+            remembers (`ReactiveTrunk`), and the policy's proportions and relative directions too (`Perception`);
+            without it they see the LSTM's output alone, as in the paper (`PlainTrunk`).
+        events: whether binary actions are sparse events (`tvae.model.events`); without it they are a Bernoulli in
+            every step.
         dynamics: whether the state decoder reads the actions, p(s_t+1 | s_1:t, a_1:t, z), and says what an action
             leads to; without them it says what happens for that z, whatever is done.
 
@@ -68,6 +73,7 @@ class TrajectoryVAE(nn.Module):
     """
 
     prior: Prior
+    _bot_window: Tensor
 
     def __init__(
         self,
@@ -87,6 +93,7 @@ class TrajectoryVAE(nn.Module):
         encode_actions: bool = True,
         reactive: bool = True,
         dynamics: bool = False,
+        events: bool = True,
     ) -> None:
         super().__init__()
         if window is not None and window < 1:
@@ -112,7 +119,9 @@ class TrajectoryVAE(nn.Module):
             "encode_actions": encode_actions,
             "reactive": reactive,
             "dynamics": dynamics,
+            "events": events,
         }
+        self.register_buffer("_bot_window", torch.tensor(0 if window is None else window))
         self.observation_normalizer = Normalizer(observation_space)
         self.action_normalizer = Normalizer(action_space)
         states, actions = observation_space.num_features, action_space.num_features
@@ -126,6 +135,9 @@ class TrajectoryVAE(nn.Module):
             if prior_components == 1 or latent_features == 0
             else GaussianMixture(latent_features, prior_components)
         )
+        no_columns = np.zeros(0, dtype=np.int64)
+        self.events = Events(action_space.binary if events else no_columns, latent_features, hidden_features // 2)
+        self.perception = Perception(observation_space) if reactive else NoPerception()
         trunk = ReactiveTrunk if reactive else PlainTrunk
         self.state_decoder = StateDecoder(
             observation_space,
@@ -136,7 +148,12 @@ class TrajectoryVAE(nn.Module):
         )
         self.policy_decoder = PolicyDecoder(
             action_space,
-            trunk(states, latent_features, hidden_features, dropout),
+            trunk(
+                states + self.perception.num_features + self.events.num_events,
+                latent_features,
+                hidden_features,
+                dropout,
+            ),
             floor=action_floor,
             num_components=action_components,
         )
@@ -145,6 +162,15 @@ class TrajectoryVAE(nn.Module):
     def device(self) -> torch.device:
         """Where the weights are."""
         return self.observation_normalizer.mean.device
+
+    @property
+    def bot_window(self) -> int | None:
+        """The past states that the policy needs (`tvae.train.memory`), at most `window`; None for all of them."""
+        return int(self._bot_window) or None
+
+    @bot_window.setter
+    def bot_window(self, window: int | None) -> None:
+        self._bot_window.fill_(0 if window is None else window)
 
     def calibrate(self, demonstrations: Demonstrations) -> None:
         """Fit what is measured rather than learned, on training data only: normalisers and typical changes.
@@ -156,6 +182,7 @@ class TrajectoryVAE(nn.Module):
         actions = demos.actions[_spread(demos.action_starts, demos.lengths)]
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
             normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
+        self.perception.fit(observations)
         before = _spread(first, demos.lengths - 1 + demos.final_observed)
         # In double, and where double is: not every accelerator knows it.
         normalizer = deepcopy(self.observation_normalizer).cpu().double()
@@ -176,6 +203,17 @@ class TrajectoryVAE(nn.Module):
             return self.encoder(states, batch.lengths)
         actions = self.action_normalizer.features(self.action_normalizer.values(batch.actions))
         return self.encoder(torch.cat([states, actions], dim=-1), batch.lengths)
+
+    def policy_decoder_inputs(
+        self, observations: Float[Tensor, "*batch O"], done: Float[Tensor, "*batch N"]
+    ) -> Float[Tensor, "*batch F"]:
+        """What the policy decoder reads at each step: the state's features, what is perceived beside, events done.
+
+        `observations` are raw rows.
+        """
+        observations = self.perception.within(observations)
+        states = self.observation_normalizer.features(self.observation_normalizer.values(observations))
+        return torch.cat([states, self.perception(observations), done], dim=-1)
 
     def state_decoder_inputs(
         self, states: Float[Tensor, "*batch S"], actions: Float[Tensor, "*batch A"]

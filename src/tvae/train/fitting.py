@@ -11,7 +11,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device, seeded
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
-from tvae.train.schedules import RAISED_LATE, KLSchedule
+from tvae.train.schedules import EVIDENCE, KLSchedule
 
 
 def fit(
@@ -20,18 +20,19 @@ def fit(
     latent_features: int = 2,
     hidden_features: int = 64,
     dropout: float = 0.0,
-    window: int | None = None,
+    window: int | None = 4,
     stop: bool = True,
-    action_components: int = 1,
+    action_components: int = 3,
     state_components: int = 1,
     prior_components: int = 4,
     encode_actions: bool = True,
     reactive: bool = True,
     dynamics: bool = False,
-    schedule: KLSchedule = RAISED_LATE,
+    events: bool = True,
+    schedule: KLSchedule = EVIDENCE,
     num_steps: int = 3_000,
     batch_size: int = 64,
-    learning_rate: float = 5e-3,
+    learning_rate: float = 1e-2,
     clip: float = 1.0,
     state_weight: float = 1.0,
     evaluate_every: int = 100,
@@ -64,6 +65,7 @@ def fit(
         encode_actions=encode_actions,
         reactive=reactive,
         dynamics=dynamics,
+        events=events,
     )
     train(
         model,

@@ -16,12 +16,16 @@ from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordere
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
-from tvae.model.elbo import Elbo, Windows, cut, elbo, whole
+from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import Windows, cut, whole
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
+from tvae.train.memory import shortest_sufficient_window
 from tvae.train.schedules import KLSchedule
 
 COLLAPSED_NATS = 0.05
+_WINDOW_CHOSEN = 0.6
+"""Share of the training after which the policy's window is chosen."""
 
 
 class TrainingWarning(UserWarning):
@@ -64,11 +68,14 @@ def train(
     falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the
     norm `clip` on its own, so that a sharp term cannot drown another.
 
-    Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled, the weights
-    with the best one are kept (two are compared with the present weight of the KL term), and training ends early
-    when `patience` evaluations have not improved on it. The state term has the weight `state_weight` there too.
-    With 0, z and the policy are learnt as if there were no state decoder, which stays as it was but for what the
-    stop term, if the model has one, teaches its trunk.
+    Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
+    the steps (`tvae.train.memory`); what is left of the training is spent on a policy that sees so much.
+
+    Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
+    chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
+    training ends early when `patience` evaluations have not improved on it. The state term has the weight
+    `state_weight` there too. With 0, z and the policy are learnt as if there were no state decoder, which stays as it
+    was but for what the stop term, if the model has one, teaches its trunk.
 
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
@@ -99,6 +106,7 @@ def train(
         "demonstrations": _size(demonstrations),
         "held-out demonstrations": _size(held_out),
     }
+    chosen = 0.0 if model.window is None else _WINDOW_CHOSEN * num_steps
     with seeded(seed, model.device):
         if checkpoint is not None and checkpoint.exists():
             progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
@@ -112,9 +120,11 @@ def train(
         while not progress.finished:
             end = min(progress.step + evaluate_every, num_steps)
             terms, beta = steps.run(progress, end, observer)
+            if progress.step < chosen <= end:
+                model.bot_window = shortest_sufficient_window(model, held_out, seed=seed)
             held = evaluate(model, held_out, batch_size=batch_size, seed=seed)
             record = Record(end, beta, _average(terms), held)
-            judged = _judge(progress, record, terms[-1].kl, schedule.settled * num_steps, state_weight)
+            judged = _judge(progress, record, terms[-1].kl, max(schedule.settled * num_steps, chosen), state_weight)
             if judged.best_step == end:
                 best = _copy_of_weights(model)
             progress = replace(judged, finished=end == num_steps or judged.stale >= patience)
@@ -158,7 +168,7 @@ class _Steps:
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
-            terms = elbo(model, batch, _random_windows(model, batch))
+            terms = elbo(model, batch, **_random_windows(model, batch))
             self.optimizer.zero_grad()
             (-per_step * terms.value(beta, self.state_weight).mean()).backward()
             norms = [nn.utils.clip_grad_norm_(part.parameters(), self.clip) for part in parts]
@@ -174,10 +184,13 @@ class _Steps:
         return history, beta
 
 
-def _random_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
-    if model.window is None:
-        return whole(batch)
-    return cut(batch.lengths, model.window, int(torch.randint(model.window, ())))
+def _random_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> dict[str, Windows]:
+    """Windows of each decoder, cut at random."""
+
+    def windows(length: int | None) -> Windows:
+        return whole(batch) if length is None else cut(batch.lengths, length, int(torch.randint(length, ())))
+
+    return {"policy": windows(model.bot_window), "state": windows(model.window)}
 
 
 @torch.no_grad()
@@ -189,7 +202,7 @@ def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size
     with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
-            terms = _mean(elbo(model, batch, _random_windows(model, batch)))
+            terms = _mean(elbo(model, batch, **_random_windows(model, batch)))
             weighted.extend([terms] * len(episodes))
     model.train(was_training)
     return _average(weighted)

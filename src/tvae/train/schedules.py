@@ -40,6 +40,10 @@ class Constant:
         return self.beta
 
 
+EVIDENCE = Constant(1.0)
+"""The evidence lower bound itself."""
+
+
 @dataclass(frozen=True)
 class Piecewise:
     """Straight lines between (progress, beta) points.
@@ -67,10 +71,6 @@ class Piecewise:
             if progress <= end:
                 return low + (high - low) * (progress - start) / (end - start)
         return self.points[-1][1]
-
-
-RAISED_LATE = Piecewise(((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)))
-"""First z learns all it can, then what the weight does not pay for is squeezed out of it again."""
 
 
 @dataclass(frozen=True)

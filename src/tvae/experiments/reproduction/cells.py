@@ -83,19 +83,29 @@ class Cell:
         """Its numbers; they are written last."""
         return self.directory / "metrics.json"
 
-    def is_finished(self) -> bool:
-        """Whether it is trained and measured; `CellError` where the directory holds another cell."""
+    def is_measured(self) -> bool:
+        """Whether its numbers are there; `CellError` where the directory holds another cell."""
         stored = self.directory / "cell.json"
-        if not stored.exists():
+        if stored.exists():
+            there = read_json(stored)
+        elif self.metrics.exists():
+            there = self.read()["cell"]
+        else:
             return False
-        there, asked = read_json(stored), _plain(self.asked)
+        asked = _plain(self.asked)
         if there != asked:
             differing = sorted(name for name in {*there, *asked} if there.get(name) != asked.get(name))
             raise CellError(
                 f"{self.directory} holds a cell whose {', '.join(differing)} differs from what is asked; "
                 "choose another --out, or make it anew with --force"
             )
-        return all((self.directory / name).exists() for name in ("metrics.json", "model.safetensors", "findings.json"))
+        return self.metrics.exists()
+
+    def is_finished(self) -> bool:
+        """Whether its numbers, its model and its styles are there."""
+        return self.is_measured() and all(
+            (self.directory / name).exists() for name in ("model.safetensors", "findings.json")
+        )
 
     def run(self, device: str) -> None:
         """Train what is not trained yet, and measure; a training that was killed goes on.

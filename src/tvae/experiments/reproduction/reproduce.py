@@ -33,7 +33,8 @@ class Plan:
     """What to reproduce, where, and how thoroughly.
 
     OUT/TASK/ holds our default's `metrics.json` and pictures, OUT/TASK/paper/ those of the paper's reading,
-    OUT/cells/TASK/PRESET/seed-K/ each training: a cell that is there is not made again.
+    OUT/cells/TASK/PRESET/seed-K/ each training: a cell whose numbers are there is not made again, but for the one of
+    seed 0 whose model is drawn.
     """
 
     tasks: Sequence[str]
@@ -57,6 +58,11 @@ class Plan:
         """Where a preset's results go."""
         return self.out / task if preset == "default" else self.out / task / preset
 
+    def is_done(self, cell: Cell) -> bool:
+        """Whether all that the results need of a cell is there."""
+        drawn = cell.seed == 0 and cell.preset in PRESETS[cell.task]
+        return cell.is_finished() if drawn else cell.is_measured()
+
     def all_cells(self) -> list[Cell]:
         """Of all tasks, our default first."""
         return [cell for task in self.tasks for preset in self.presets(task) for cell in self.cells(task, preset)]
@@ -70,7 +76,7 @@ def reproduce(plan: Plan, *, jobs: int, device: str, force: bool, console: Conso
     if "zombie" in plan.tasks:
         require_video()
     cells = plan.all_cells()
-    waiting = cells if force else [cell for cell in cells if not cell.is_finished()]
+    waiting = cells if force else [cell for cell in cells if not plan.is_done(cell)]
     console.print(f"{len(cells)} trainings, {len(cells) - len(waiting)} of them done already")
     train_all(waiting, jobs=jobs, device=device, force=force, console=console)
     for task in plan.tasks:

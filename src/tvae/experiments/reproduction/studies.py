@@ -76,7 +76,7 @@ STUDIES: Mapping[str, Study] = {
         {
             "default": zombie.measure,
             "paper": zombie.measure,
-            "windows": zombie.measure_with_windows,
+            "whole_episodes": zombie.measure_with_windows,
             **dict.fromkeys(ABLATIONS["zombie"], zombie.measure_briefly),
             "no_state_decoder": zombie.measure_bots,
         },

@@ -42,6 +42,8 @@ EXPERTS: dict[str, Callable[[], Policy]] = {"attack": AttackExpert, "avoid": Avo
 LABELS = tuple(EXPERTS)
 WINDOWS = (1, 2, 3, 5, 8, 10, 15, 20, 30)
 FIELDS = ("attacked", "zombie_dead", "closest_goal", "closest_zombie")
+_DRAWS = 5
+"""Draws of z for each test demonstration in `success_from`."""
 NUM_TEST = 200
 """Test demonstrations of each style; those of the two styles meet the same zombies."""
 
@@ -69,9 +71,12 @@ def measure(subject: Subject) -> dict[str, Any]:
     `held_out`: success in worlds that no demonstration was recorded in, beside the scripted experts'.
     `two_step_bot`: success of the hand-written attacker that sees two observations.
     `wasserstein`: distance of what came of the bots' episodes, at one z a style, from the demonstrations' (figure 7).
+    `success_from`: success in the worlds of the test demonstrations, with z from the demonstration of the `same_start`
+    and from `another_start` of its style: what z remembers of its own world would help the former alone.
     """
     return {
         **measure_with_windows(subject),
+        "success_from": _success_from(subject),
         "two_step_bot": two_step_bot(subject.seed),
         "held_out": _held_out(subject),
         "wasserstein": _distances(subject),
@@ -180,6 +185,18 @@ def until_goal(episode: Trajectory) -> Trajectory:
     there = np.flatnonzero(episode.observations[:, 0] < 0.5)
     steps = max(1, min(len(episode), int(there[0]) if len(there) else len(episode)))
     return Trajectory(episode.observations[: steps + 1], episode.actions[:steps])
+
+
+def _success_from(subject: Subject) -> dict[str, dict[str, float]]:
+    rng = np.random.default_rng(subject.seed)
+    rates: dict[str, dict[str, list[float]]] = {}
+    for repeat in range(_DRAWS):
+        drawn = np.split(subject.posteriors.sample(rng), len(LABELS))
+        for label, own in zip(LABELS, drawn, strict=True):
+            for origin, z in (("same_start", own), ("another_start", np.roll(own, repeat + 1, axis=0))):
+                episodes = acted(subject.model, ENV, z, choice=sampled, seed=TEST)
+                rates.setdefault(origin, {}).setdefault(label, []).append(_rate(episodes, label))
+    return {origin: {label: float(np.mean(all_)) for label, all_ in found.items()} for origin, found in rates.items()}
 
 
 def _held_out(subject: Subject) -> dict[str, dict[str, float]]:

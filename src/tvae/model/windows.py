@@ -1,0 +1,63 @@
+"""Where decoders begin without memory: trajectories cut into windows, whole, or seen through a rolling window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Int
+from torch import Tensor
+
+from tvae.data.batches import TrajectoryBatch
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Rows of consecutive steps of trajectories; decoders go through a whole row, and those that are `valid` count."""
+
+    trajectory: Int[Tensor, " R"]
+    steps: Int[Tensor, "R W"]
+    valid: Bool[Tensor, "R W"]
+
+
+def cut(lengths: Int[Tensor, " B"], window: int, offset: int) -> Windows:
+    """Windows of `window` steps that together hold every step once; the first one ends after `offset` steps.
+
+    >>> windows = cut(torch.tensor([5, 2]), window=3, offset=1)
+    >>> [steps[valid].tolist() for steps, valid in zip(windows.steps, windows.valid)]
+    [[0], [1, 2, 3], [4], [0], [1]]
+    """
+    longest = int(lengths.max())
+    starts = torch.tensor([0, *range(offset or window, longest, window)], device=lengths.device)
+    ends = torch.cat([starts[1:], starts.new_tensor([longest])])
+    steps = starts[:, None] + torch.arange(min(window, longest), device=lengths.device)
+    valid = (steps < ends[:, None]) & (steps < lengths[:, None, None])
+    trajectory, piece = torch.nonzero(valid[..., 0], as_tuple=True)
+    return Windows(trajectory, steps[piece].clamp_max(longest - 1), valid[trajectory, piece])
+
+
+def whole(batch: TrajectoryBatch) -> Windows:
+    """Every trajectory as one window."""
+    steps = torch.arange(batch.actions.shape[1], device=batch.lengths.device)
+    everyone = torch.arange(len(batch), device=batch.lengths.device)
+    return Windows(everyone, steps.expand(len(batch), -1), batch.mask)
+
+
+def rolling(lengths: Int[Tensor, " B"], window: int) -> Windows:
+    """What a bot with the rolling window W sees: each step at the end of a window of its own.
+
+    The first row of a trajectory is its first W steps, all of which count: before step W nothing is forgotten yet.
+
+    >>> windows = rolling(torch.tensor([3, 1]), window=2)
+    >>> windows.steps.tolist(), windows.valid.tolist()
+    ([[0, 1], [1, 2], [0, 1]], [[True, True], [False, True], [True, False]])
+    """
+    longest = int(lengths.max())
+    window = min(window, longest)
+    steps = torch.arange(longest - window + 1, device=lengths.device)[:, None] + torch.arange(
+        window, device=lengths.device
+    )
+    valid = steps < lengths[:, None, None]
+    valid[:, 1:, :-1] = False
+    trajectory, piece = torch.nonzero(valid.any(-1), as_tuple=True)
+    return Windows(trajectory, steps[piece], valid[trajectory, piece])

@@ -1,0 +1,78 @@
+"""How much of the past a bot should see: the shortest window that loses nothing.
+
+What a policy can read off the past, it will use, also where it is no cause of what was done: a zombie that stands
+still is a dead one as long as nobody shows a zombie that waits. A bot that sees less has less to be fooled by
+(de Haan et al. 2019, arXiv 1905.11979, call this causal confusion). So of the windows
+
+    W = 1, 2, 4, ... up to that of the training
+
+the shortest one is kept under which held-out actions are not significantly less likely than under the longest:
+
+    mean_i d_i + 2 sd(d_i) / sqrt(E) >= 0,      d_i = log p_W(a of trajectory i) - log p_longest(a of trajectory i)
+
+with the same z ~ q(z | tau_i) in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+
+from tvae.data.batches import batch_of, ordered_batches
+from tvae.data.demonstrations import Demonstrations
+from tvae.device import seeded
+from tvae.model.elbo import policy_log_likelihood
+from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import rolling
+from tvae.spaces import FloatArray
+
+_STANDARD_ERRORS = 2.0
+_MOST_STEPS = 20_000
+"""Held-out steps that are looked at; of more, evenly spaced episodes."""
+
+
+def shortest_sufficient_window(model: TrajectoryVAE, held_out: Demonstrations, *, seed: int = 0) -> int | None:
+    """The window a bot of `model` needs; None for a model that was trained on whole trajectories.
+
+    >>> from tvae.data.trajectory import Trajectory
+    >>> from tvae.spaces import Continuous, Space
+    >>> x, dx = Space((Continuous("x"),)), Space((Continuous("dx"),))
+    >>> walks = Demonstrations.from_trajectories([Trajectory(np.zeros((9, 1)), np.ones((8, 1)))] * 4, x, dx)
+    >>> shortest_sufficient_window(TrajectoryVAE(x, dx, window=1), walks)
+    1
+    """
+    if model.window is None:
+        return None
+    every = max(1, round(held_out.num_steps / _MOST_STEPS))
+    some = held_out if every == 1 else held_out.select(np.arange(0, len(held_out), every))
+    best = _log_probability(model, some, model.window, seed)
+    for window in _candidates(model.window):
+        lost = _log_probability(model, some, window, seed) - best
+        if lost.mean() + _STANDARD_ERRORS * lost.std() / np.sqrt(len(lost)) >= 0:
+            return window
+    return model.window
+
+
+def _candidates(longest: int) -> Iterator[int]:
+    window = 1
+    while window < longest:
+        yield window
+        window *= 2
+
+
+@torch.no_grad()
+def _log_probability(model: TrajectoryVAE, demonstrations: Demonstrations, window: int, seed: int) -> FloatArray:
+    """(E,) log-probability of the actions of each trajectory under a rolling window."""
+    was_training = model.training
+    model.eval()
+    found = np.zeros(len(demonstrations))
+    with seeded(seed, model.device):
+        for episodes in ordered_batches(demonstrations, 32):
+            batch = batch_of(demonstrations, episodes, model.device)
+            z = model.posterior(batch).sample()
+            policy = policy_log_likelihood(model, batch, z, rolling(batch.lengths, window))
+            found[episodes] = policy.double().cpu().numpy()
+    model.train(was_training)
+    return found
