@@ -118,7 +118,7 @@ def test_the_window_of_the_training_is_the_default(starts: np.ndarray, latents: 
 @pytest.mark.parametrize("dynamics", [False, True])
 def test_a_dream_follows_its_decoders_step_by_step(starts: np.ndarray, latents: np.ndarray, dynamics: bool):
     """The most likely dream is the one whose every row is the mode of what the whole-sequence decoders say."""
-    model = untrained(noise([4, 7, 5]), stop=False, dynamics=dynamics)
+    model = untrained(noise([4, 7, 5]), stop=False, dynamics=dynamics, events=False)
     imagined = imagine(model, starts[:1], latents[:1], num_steps=5, choice=most_likely)
     episode, z = imagined[0], torch.from_numpy(latents[:1]).float()
     with torch.no_grad():
@@ -127,7 +127,9 @@ def test_a_dream_follows_its_decoders_step_by_step(starts: np.ndarray, latents: 
         taken = model.action_normalizer.values(torch.from_numpy(episode.actions[None]).float())
         law, _ = model.state_decoder(model.state_decoder_inputs(states, taken), values, z)
         following = model.observation_normalizer.raw(law.mode())[0].numpy()
-        actions = model.action_normalizer.raw(model.policy_decoder(states, z).mode())[0].numpy()
+        seen = torch.from_numpy(episode.observations[None, :-1]).float()
+        inputs = model.policy_decoder_inputs(seen, torch.zeros(1, 5, 0))
+        actions = model.action_normalizer.raw(model.policy_decoder(inputs, z).mode())[0].numpy()
     following[:, OBSERVATIONS.angular] = (following[:, OBSERVATIONS.angular] + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(episode.observations[1:], following, atol=1e-4)
     np.testing.assert_allclose(episode.actions, actions, atol=1e-4)
@@ -192,10 +194,10 @@ def laws(model: TrajectoryVAE, observations: np.ndarray, window: int | None) -> 
     recurrence = Recurrence(
         model.policy_decoder.trunk, torch.from_numpy(np.tile(Z, (observations.shape[1], 1))).float(), window
     )
-    normalizer = model.observation_normalizer
+    nothing = torch.zeros(observations.shape[1], model.events.num_events)
     with torch.inference_mode():
         return torch.stack(
-            [recurrence.step(normalizer.features(normalizer.values(torch.from_numpy(o).float()))) for o in observations]
+            [recurrence.step(model.policy_decoder_inputs(torch.from_numpy(o).float(), nothing)) for o in observations]
         )
 
 
@@ -210,7 +212,9 @@ def test_a_window_sees_so_many_states_and_no_more(model: TrajectoryVAE, window: 
     assert same == [not 2 <= step < 2 + window for step in range(6)]
 
 
-def test_a_memoryless_policy_depends_on_the_present_alone(model: TrajectoryVAE):
+def test_a_memoryless_policy_depends_on_the_present_alone():
+    """But for the events that it has used."""
+    model = untrained(noise([4, 7, 5]), stop=False, events=False)
     present = rows(OBSERVATIONS, 3, np.random.default_rng(3))
     policy = LatentPolicy(model, Fixed(Z), window=1, choice=most_likely)
     answers = []

@@ -43,23 +43,20 @@ class Linear:
 
 
 def make_linear(trunk: ReactiveTrunk, head: Head, random: np.random.Generator, z_gain: np.ndarray) -> Linear:
-    """Give the decoder weights that make it exactly linear in [s; d; z]: silu(x) - silu(-x) = x, and no memory."""
-    for parameter in trunk.recurrent.parameters():
-        nn.init.zeros_(parameter)
+    """Give the decoder weights that make it exactly linear in [s; d; z], of which its head sees each: no mixing, no
+    memory, and no style weighs anything."""
+    assert trunk.by_style is not None
+    for part in (trunk.recurrent, trunk.mix, trunk.by_style):
+        for parameter in part.parameters():
+            nn.init.zeros_(parameter)
     number, inputs = len(z_gain), trunk.recurrent.input_size
     matrix = 0.3 * random.normal(size=(number, inputs))
     matrix[:, -LATENT:] = z_gain
-    matrix[:, 2:-LATENT] = 0  # windows begin without a last change
+    matrix[:, 2:-LATENT] = 0  # neither proportions nor, since windows begin without one, a last change
     offset, spread = random.normal(size=number), random.normal(size=number)
     with torch.no_grad():
-        trunk.mix.weight.zero_()
-        trunk.mix.bias.zero_()
-        trunk.mix.weight[:number, :inputs] = torch.from_numpy(matrix)
-        trunk.mix.weight[number : 2 * number, :inputs] = -torch.from_numpy(matrix)
         head.parameters_of_law.weight.zero_()
-        for index in range(number):
-            head.parameters_of_law.weight[index, index] = 1
-            head.parameters_of_law.weight[index, number + index] = -1
+        head.parameters_of_law.weight[:number, -inputs:] = torch.from_numpy(matrix)
         head.parameters_of_law.bias[:number] = torch.from_numpy(offset)
         head.parameters_of_law.bias[number:] = torch.from_numpy(spread)
     unit = head.unit.numpy()

@@ -26,7 +26,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.model.elbo import policy_log_likelihood, state_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import cut, whole
+from tvae.model.windows import cut, policy_windows, whole
 from tvae.spaces import FloatArray
 
 
@@ -51,7 +51,7 @@ def importance_weighted_bound(
 ) -> Bound:
     """The bound of each trajectory with `num_samples` K, one sample after another so that memory stays small.
 
-    The decoders see windows as in training, cut from the first step on.
+    The state decoder sees windows as in training, cut from the first step on, and the policy what a bot sees.
     """
     if num_samples < 1:
         raise ValueError(f"num_samples must be at least 1, got {num_samples}")
@@ -74,10 +74,8 @@ def _log_weights(
 ) -> tuple[Float[Tensor, "K B"], Float[Tensor, "K B"]]:
     """log p(tau | z) p(z) / q(z | tau) at each sample, of everything and of the actions alone."""
     posterior = model.posterior(batch)
-    for_policy, for_state = (
-        whole(batch) if window is None else cut(batch.lengths, window, 0)
-        for window in (model.bot_window, model.window)
-    )
+    for_policy = policy_windows(model, batch)
+    for_state = whole(batch) if model.window is None else cut(batch.lengths, model.window, 0)
     everything, actions = [], []
     for _ in range(num_samples):
         z = posterior.sample()

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Int
 from torch import Tensor
 
 from tvae.data.batches import TrajectoryBatch
+from tvae.model.tvae import TrajectoryVAE
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,3 +62,8 @@ def rolling(lengths: Int[Tensor, " B"], window: int) -> Windows:
     valid[:, 1:, :-1] = False
     trajectory, piece = torch.nonzero(valid.any(-1), as_tuple=True)
     return Windows(trajectory, steps[piece], valid[trajectory, piece])
+
+
+def policy_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
+    """What the policy decoder sees as a bot: rolling windows of `model.bot_window`, or whole trajectories."""
+    return whole(batch) if model.bot_window is None else rolling(batch.lengths, model.bot_window)

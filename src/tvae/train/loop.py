@@ -18,9 +18,9 @@ from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import Windows, cut, whole
+from tvae.model.windows import Windows, cut, policy_windows, whole
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
-from tvae.train.memory import shortest_sufficient_window
+from tvae.train.memory import candidates, shortest_sufficient_window
 from tvae.train.schedules import KLSchedule
 
 COLLAPSED_NATS = 0.05
@@ -69,7 +69,8 @@ def train(
     norm `clip` on its own, so that a sharp term cannot drown another.
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
-    the steps (`tvae.train.memory`); what is left of the training is spent on a policy that sees so much.
+    the steps (`tvae.train.memory`). Until then the policy is trained on windows of all lengths among which to choose, a
+    random one in each step, and afterwards on what a bot will see, rolling windows of the chosen length.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
@@ -90,8 +91,19 @@ def train(
         raise ValueError(f"state_weight must be a number of at least 0, got {state_weight}")
     model.calibrate(demonstrations)
     optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate, fused=True)
+    chosen = 0.0 if model.window is None else _WINDOW_CHOSEN * num_steps
     steps = _Steps(
-        model, optimizer, demonstrations, schedule, num_steps, batch_size, learning_rate, clip, state_weight, seed
+        model,
+        optimizer,
+        demonstrations,
+        schedule,
+        num_steps,
+        batch_size,
+        learning_rate,
+        clip,
+        state_weight,
+        chosen,
+        seed,
     )
     settings = {
         "schedule": schedule,
@@ -106,7 +118,6 @@ def train(
         "demonstrations": _size(demonstrations),
         "held-out demonstrations": _size(held_out),
     }
-    chosen = 0.0 if model.window is None else _WINDOW_CHOSEN * num_steps
     with seeded(seed, model.device):
         if checkpoint is not None and checkpoint.exists():
             progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
@@ -152,6 +163,8 @@ class _Steps:
     learning_rate: float
     clip: float
     state_weight: float
+    chosen: float
+    """The step after which the policy's window is chosen."""
     seed: int
 
     def run(self, progress: Progress, end: int, observer: Observer) -> tuple[list[Terms], float]:
@@ -168,7 +181,8 @@ class _Steps:
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
-            terms = elbo(model, batch, **_random_windows(model, batch))
+            policy = _any_window(model, batch) if step < self.chosen else policy_windows(model, batch)
+            terms = elbo(model, batch, policy=policy, state=_cut(batch, model.window))
             self.optimizer.zero_grad()
             (-per_step * terms.value(beta, self.state_weight).mean()).backward()
             norms = [nn.utils.clip_grad_norm_(part.parameters(), self.clip) for part in parts]
@@ -184,13 +198,15 @@ class _Steps:
         return history, beta
 
 
-def _random_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> dict[str, Windows]:
-    """Windows of each decoder, cut at random."""
+def _cut(batch: TrajectoryBatch, window: int | None) -> Windows:
+    """Windows of this length, cut at a random offset."""
+    return whole(batch) if window is None else cut(batch.lengths, window, int(torch.randint(window, ())))
 
-    def windows(length: int | None) -> Windows:
-        return whole(batch) if length is None else cut(batch.lengths, length, int(torch.randint(length, ())))
 
-    return {"policy": windows(model.bot_window), "state": windows(model.window)}
+def _any_window(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
+    """Windows of one of the lengths among which the policy's is chosen."""
+    lengths = candidates(model)
+    return _cut(batch, lengths[int(torch.randint(len(lengths), ()))])
 
 
 @torch.no_grad()
@@ -202,7 +218,7 @@ def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size
     with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
-            terms = _mean(elbo(model, batch, **_random_windows(model, batch)))
+            terms = _mean(elbo(model, batch, policy=policy_windows(model, batch), state=_cut(batch, model.window)))
             weighted.extend([terms] * len(episodes))
     model.train(was_training)
     return _average(weighted)

@@ -6,16 +6,16 @@ still is a dead one as long as nobody shows a zombie that waits. A bot that sees
 
     W = 1, 2, 4, ... up to that of the training
 
-the shortest one is kept under which held-out actions are not significantly less likely than under the longest:
+the shortest one is kept under which held-out actions are hardly less likely than under the longest:
 
-    mean_i d_i + 2 sd(d_i) / sqrt(E) >= 0,      d_i = log p_W(a of trajectory i) - log p_longest(a of trajectory i)
+    mean_i d_i + 2 sd(d_i) / sqrt(E) >= -0.02 mean_i T_i,
 
-with the same z ~ q(z | tau_i) in both.
+    d_i = log p_W(a_1:T of trajectory i) - log p_longest(a_1:T of trajectory i)
+
+with the same z ~ q(z | tau_i) in both: a longer memory has to be worth 0.02 nats a step.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -29,6 +29,8 @@ from tvae.model.windows import rolling
 from tvae.spaces import FloatArray
 
 _STANDARD_ERRORS = 2.0
+_WORTH = 0.02
+"""Nats a step that a longer window has to be worth."""
 _MOST_STEPS = 20_000
 """Held-out steps that are looked at; of more, evenly spaced episodes."""
 
@@ -48,18 +50,26 @@ def shortest_sufficient_window(model: TrajectoryVAE, held_out: Demonstrations, *
     every = max(1, round(held_out.num_steps / _MOST_STEPS))
     some = held_out if every == 1 else held_out.select(np.arange(0, len(held_out), every))
     best = _log_probability(model, some, model.window, seed)
-    for window in _candidates(model.window):
+    for window in candidates(model):
+        assert window is not None
         lost = _log_probability(model, some, window, seed) - best
-        if lost.mean() + _STANDARD_ERRORS * lost.std() / np.sqrt(len(lost)) >= 0:
+        allowed = -_WORTH * some.lengths.mean()
+        if lost.mean() + _STANDARD_ERRORS * lost.std() / np.sqrt(len(lost)) >= allowed:
             return window
     return model.window
 
 
-def _candidates(longest: int) -> Iterator[int]:
-    window = 1
-    while window < longest:
-        yield window
-        window *= 2
+def candidates(model: TrajectoryVAE) -> tuple[int | None, ...]:
+    """The windows among which a policy's is chosen, shortest first.
+
+    >>> from tvae.spaces import Continuous, Space
+    >>> space = Space((Continuous("x"),))
+    >>> [candidates(TrajectoryVAE(space, space, window=window)) for window in (1, 6, None)]
+    [(1,), (1, 2, 4, 6), (None,)]
+    """
+    if model.window is None:
+        return (None,)
+    return (*(2**power for power in range((model.window - 1).bit_length())), model.window)
 
 
 @torch.no_grad()
