@@ -64,7 +64,12 @@ def pusht(data: Path | None, seed: int) -> Recipe:
                 prior_components=1,
             ),
             training=TrainingConfig(
-                num_steps=1_500, batch_size=32, learning_rate=3e-3, patience=15, held_out=0.15
+                num_steps=1_500,
+                batch_size=32,
+                learning_rate=3e-3,
+                kl_points=((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)),
+                patience=15,
+                held_out=0.15,
             ),
             seed=seed,
         ),
@@ -83,7 +88,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
         ),
         config=RunConfig(
             model=ModelConfig(
-                latent_features=8, hidden_features=64, dropout=0.2, window=4, stop=False, prior_components=1
+                latent_features=8, dropout=0.2, stop=False, action_components=1, prior_components=1
             ),
             training=TrainingConfig(
                 num_steps=600,

@@ -145,7 +145,7 @@ def animations(subject: Subject) -> dict[str, FuncAnimation]:
             episodes=[episodes[int(episode)] for episode in shown],
             succeeded=succeeded[shown],
             z=latents.z[shown],
-            window=subject.model.window,
+            window=subject.model.bot_window,
             name=label,
             style=index,
             background_means=subject.posteriors.means,
