@@ -118,7 +118,7 @@ def test_without_any_change_the_unit_is_1():
 
 
 def test_many_steps_are_thinned_out_evenly(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("tvae.model.tvae._CALIBRATION_ROWS", 1_000)
+    monkeypatch.setattr("tvae.model.calibration.MOST_ROWS", 1_000)
     demonstrations = noise([700] * 10, observation_space=PLANE, action_space=PLANE)
     exact = Normalizer.fit(PLANE, demonstrations.observations)
     model = untrained(demonstrations)

@@ -20,6 +20,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.errors import ModelError
 from tvae.files import appearing
+from tvae.model.calibration import spread, typical
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.events import Events
@@ -27,10 +28,9 @@ from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.model.perception import NoPerception, Perception
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
-from tvae.spaces import IntArray, Space
+from tvae.spaces import Space
 
 SCHEMA_VERSION = 3
-_CALIBRATION_ROWS = 1_000_000
 
 
 class TrajectoryVAE(nn.Module):
@@ -178,21 +178,21 @@ class TrajectoryVAE(nn.Module):
         Of more than a million steps, a million evenly spaced ones are used.
         """
         demos, first = demonstrations, demonstrations.observation_starts
-        observations = demos.observations[_spread(first, demos.lengths + demos.final_observed)]
-        actions = demos.actions[_spread(demos.action_starts, demos.lengths)]
+        observations = demos.observations[spread(first, demos.lengths + demos.final_observed)]
+        actions = demos.actions[spread(demos.action_starts, demos.lengths)]
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
             normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
         self.perception.fit(observations)
-        before = _spread(first, demos.lengths - 1 + demos.final_observed)
+        before = spread(first, demos.lengths - 1 + demos.final_observed)
         # In double, and where double is: not every accelerator knows it.
         normalizer = deepcopy(self.observation_normalizer).cpu().double()
         states = [normalizer.values(torch.from_numpy(demos.observations[rows])) for rows in (before, before + 1)]
         change = states[1] - states[0]
         angular = self.observation_space.angular
         change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
-        self.state_decoder.head.unit.copy_(_typical(change))
+        self.state_decoder.head.unit.copy_(typical(change))
         features = [normalizer.features(values) for values in states]
-        unit = _typical(features[1] - features[0])
+        unit = typical(features[1] - features[0])
         for decoder in (self.state_decoder, self.policy_decoder):
             decoder.trunk.unit[: len(unit)].copy_(unit)
 
@@ -293,22 +293,6 @@ class TrajectoryVAE(nn.Module):
         3
         """
         return cls.load(pretrained_directory(name))
-
-
-def _typical(change: Float[Tensor, "N C"]) -> Float[Tensor, " C"]:
-    """Root mean square of each column; 1 for one that never changes."""
-    typical = change.square().mean(0).sqrt()
-    return torch.where(typical > 1e-6, typical, torch.ones_like(typical))
-
-
-def _spread(starts: IntArray, counts: IntArray) -> IntArray:
-    """Rows, evenly spaced if there are too many, of episodes that hold `counts` rows from `starts` on."""
-    ends = np.cumsum(counts)
-    total = int(ends[-1])
-    ordinal = np.linspace(0, total - 1, min(total, _CALIBRATION_ROWS)).astype(np.int64)
-    episode = np.searchsorted(ends, ordinal, side="right")
-    rows: IntArray = ordinal - (ends - counts - starts)[episode]
-    return rows
 
 
 def _check_version(description: Any, path: Path) -> None:
