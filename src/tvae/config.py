@@ -57,6 +57,8 @@ class TrainingConfig:
     """Largest gradient norm of each of encoder, prior and decoders."""
     state_weight: float = 1.0
     """Weight of the state term; 0 trains without a state decoder."""
+    shortest_window: int = 1
+    """The least past states that a bot is to see, where fewer would do."""
     kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0),)
     """Weight of the KL term: straight lines between (progress, weight)."""
     evaluate_every: int = 100

@@ -124,6 +124,7 @@ def trained(
         learning_rate=settings.learning_rate,
         clip=settings.clip,
         state_weight=settings.state_weight,
+        shortest_window=settings.shortest_window,
         evaluate_every=settings.evaluate_every,
         patience=settings.patience,
         seed=config.seed,

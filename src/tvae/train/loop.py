@@ -55,6 +55,7 @@ def train(
     learning_rate: float = 2e-3,
     clip: float = 1.0,
     state_weight: float = 1.0,
+    shortest_window: int = 1,
     evaluate_every: int = 200,
     patience: int = 10,
     seed: int = 0,
@@ -69,7 +70,7 @@ def train(
     norm `clip` on its own, so that a sharp term cannot drown another.
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
-    the steps (`tvae.train.memory`). Until then the policy is trained on windows of all lengths among which to choose, a
+    the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of all lengths among which to choose, a
     random one in each step, and afterwards on what a bot will see, rolling windows of the chosen length.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
@@ -103,6 +104,7 @@ def train(
         clip,
         state_weight,
         chosen,
+        candidates(model.window, shortest_window),
         seed,
     )
     settings = {
@@ -112,6 +114,7 @@ def train(
         "learning_rate": learning_rate,
         "clip": clip,
         "state_weight": state_weight,
+        "shortest_window": shortest_window,
         "evaluate_every": evaluate_every,
         "patience": patience,
         "seed": seed,
@@ -132,7 +135,9 @@ def train(
             end = min(progress.step + evaluate_every, num_steps)
             terms, beta = steps.run(progress, end, observer)
             if progress.step < chosen <= end:
-                model.bot_window = shortest_sufficient_window(model, held_out, seed=seed)
+                model.bot_window = shortest_sufficient_window(
+                    model, held_out, shortest=shortest_window, seed=seed
+                )
             held = evaluate(model, held_out, batch_size=batch_size, seed=seed)
             record = Record(end, beta, _average(terms), held)
             judged = _judge(progress, record, terms[-1].kl, max(schedule.settled * num_steps, chosen), state_weight)
@@ -165,6 +170,8 @@ class _Steps:
     state_weight: float
     chosen: float
     """The step after which the policy's window is chosen."""
+    windows: tuple[int | None, ...]
+    """Those among which it is chosen."""
     seed: int
 
     def run(self, progress: Progress, end: int, observer: Observer) -> tuple[list[Terms], float]:
@@ -181,7 +188,7 @@ class _Steps:
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
-            policy = _any_window(model, batch) if step < self.chosen else policy_windows(model, batch)
+            policy = _any_of(self.windows, batch) if step < self.chosen else _of_the_policy(model, batch)
             terms = elbo(model, batch, policy=policy, state=_cut(batch, model.window))
             self.optimizer.zero_grad()
             (-per_step * terms.value(beta, self.state_weight).mean()).backward()
@@ -203,10 +210,14 @@ def _cut(batch: TrajectoryBatch, window: int | None) -> Windows:
     return whole(batch) if window is None else cut(batch.lengths, window, int(torch.randint(window, ())))
 
 
-def _any_window(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
-    """Windows of one of the lengths among which the policy's is chosen."""
-    lengths = candidates(model)
+def _any_of(lengths: Sequence[int | None], batch: TrajectoryBatch) -> Windows:
+    """Windows of one of these lengths."""
     return _cut(batch, lengths[int(torch.randint(len(lengths), ()))])
+
+
+def _of_the_policy(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
+    """What the policy is trained on once its window is chosen: what a bot sees, if that is less than at first."""
+    return _cut(batch, model.window) if model.bot_window == model.window else policy_windows(model, batch)
 
 
 @torch.no_grad()
@@ -218,7 +229,7 @@ def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size
     with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
-            terms = _mean(elbo(model, batch, policy=policy_windows(model, batch), state=_cut(batch, model.window)))
+            terms = _mean(elbo(model, batch, policy=_of_the_policy(model, batch), state=_cut(batch, model.window)))
             weighted.extend([terms] * len(episodes))
     model.train(was_training)
     return _average(weighted)

@@ -35,8 +35,10 @@ _MOST_STEPS = 20_000
 """Held-out steps that are looked at; of more, evenly spaced episodes."""
 
 
-def shortest_sufficient_window(model: TrajectoryVAE, held_out: Demonstrations, *, seed: int = 0) -> int | None:
-    """The window a bot of `model` needs; None for a model that was trained on whole trajectories.
+def shortest_sufficient_window(
+    model: TrajectoryVAE, held_out: Demonstrations, *, shortest: int = 1, seed: int = 0
+) -> int | None:
+    """The window of at least `shortest` that a bot needs; None for a model that was trained on whole trajectories.
 
     >>> from tvae.data.trajectory import Trajectory
     >>> from tvae.spaces import Continuous, Space
@@ -50,7 +52,7 @@ def shortest_sufficient_window(model: TrajectoryVAE, held_out: Demonstrations, *
     every = max(1, round(held_out.num_steps / _MOST_STEPS))
     some = held_out if every == 1 else held_out.select(np.arange(0, len(held_out), every))
     best = _log_probability(model, some, model.window, seed)
-    for window in candidates(model):
+    for window in candidates(model.window, shortest):
         assert window is not None
         lost = _log_probability(model, some, window, seed) - best
         allowed = -_WORTH * some.lengths.mean()
@@ -59,17 +61,16 @@ def shortest_sufficient_window(model: TrajectoryVAE, held_out: Demonstrations, *
     return model.window
 
 
-def candidates(model: TrajectoryVAE) -> tuple[int | None, ...]:
-    """The windows among which a policy's is chosen, shortest first.
+def candidates(window: int | None, shortest: int) -> tuple[int | None, ...]:
+    """The windows among which a policy's is chosen, shortest first: at least `shortest`, at most that of the training.
 
-    >>> from tvae.spaces import Continuous, Space
-    >>> space = Space((Continuous("x"),))
-    >>> [candidates(TrajectoryVAE(space, space, window=window)) for window in (1, 6, None)]
-    [(1,), (1, 2, 4, 6), (None,)]
+    >>> [candidates(window, 1) for window in (1, 6, None)], candidates(6, 2), candidates(4, 9)
+    ([(1,), (1, 2, 4, 6), (None,)], (2, 4, 6), (4,))
     """
-    if model.window is None:
+    if window is None:
         return (None,)
-    return (*(2**power for power in range((model.window - 1).bit_length())), model.window)
+    powers = (2**power for power in range((window - 1).bit_length()))
+    return (*(length for length in powers if length >= shortest), window)
 
 
 @torch.no_grad()
