@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -70,8 +70,9 @@ def train(
     norm `clip` on its own, so that a sharp term cannot drown another.
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
-    the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of all lengths among which to choose, a
-    random one in each step, and afterwards on what a bot will see, rolling windows of the chosen length.
+    the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of
+    all lengths among which to choose, a random one in each step, and afterwards on what a bot will see, rolling
+    windows of the chosen length.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
