@@ -65,11 +65,12 @@ def walks(memory: int) -> Demonstrations:
     return Demonstrations.from_trajectories((walk() for _ in range(60)), ONE, BIT)
 
 
-@pytest.mark.parametrize(("memory", "needed"), [(0, 1), (1, 2)])
-def test_a_bot_sees_what_it_needs(memory: int, needed: int):
+@pytest.mark.parametrize(("memory", "shortest", "needed"), [(0, 1, 1), (1, 1, 2), (0, 2, 2), (0, 4, 4)])
+def test_a_bot_sees_what_it_needs(memory: int, shortest: int, needed: int):
     model = fit(
         walks(memory), num_steps=400, batch_size=16, hidden_features=16, evaluate_every=100, window=4, device="cpu",
         stop=False, action_components=1, latent_features=0,
+        shortest_window=shortest,
     )  # fmt: skip
     assert model.bot_window == needed
     reloaded = TrajectoryVAE(ONE, BIT, **model.arguments)

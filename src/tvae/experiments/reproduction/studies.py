@@ -76,8 +76,8 @@ STUDIES: Mapping[str, Study] = {
         {
             "default": zombie.measure,
             "paper": zombie.measure,
-            "whole_episodes": zombie.measure_with_windows,
             **dict.fromkeys(ABLATIONS["zombie"], zombie.measure_briefly),
+            "whole_episodes": zombie.measure_with_windows,
             "no_state_decoder": zombie.measure_bots,
         },
         zombie_pictures.draw,
