@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from tvae.spaces import FloatArray, Space
 
+_MARGIN = 0.1
 _SMALLEST = 1e-30
 """So that the logarithm of a signal that is not positive, which is weighed with 0, is a number."""
 
@@ -16,8 +17,9 @@ _SMALLEST = 1e-30
 class Perception(nn.Module):
     """Raw rows of `space` within their range, and two further readings of them.
 
-    - `within`: a continuous signal beyond the least or the largest value of the training data counts as that value, so
-      that far away a bot does what it would do at the edge of what it knows.
+    - `within`: a continuous signal beyond the range of the training data, and a tenth of it on either side, counts as
+      the nearest value within, so that far away a bot does what it would do at the edge of what it knows. The margin
+      lets it see that it is beyond.
     - log x of a continuous signal that was positive in all of the training data, such as a distance, standardised:
       a step from 1 to 2 then counts like one from 2 to 4. 0 for any other continuous signal.
     - cos and sin of each angular signal relative to the first one: how far the enemy is off the way to the goal.
@@ -65,8 +67,9 @@ class Perception(nn.Module):
             buffer.copy_(torch.from_numpy(found))
 
     def within(self, raw: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
-        """Raw rows within the range of the training data."""
-        return torch.minimum(torch.maximum(raw, self.least), self.largest)
+        """Raw rows within the range of the training data and its margin."""
+        margin = _MARGIN * (self.largest - self.least)
+        return torch.minimum(torch.maximum(raw, self.least - margin), self.largest + margin)
 
     def forward(self, raw: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """The further readings of raw rows that lie within the range."""
