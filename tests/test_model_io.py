@@ -134,10 +134,10 @@ def test_a_config_of_another_project_is_refused(saved: Path, content: object):
 @pytest.mark.parametrize(
     ("version", "message"),
     [
-        (4, "has schema version 4, this tvae reads version 3: it was written by a newer release"),
-        (2, "has schema version 2, this tvae reads version 3: it was written by an older release"),
+        (5, "has schema version 5, this tvae reads version 4: it was written by a newer release"),
+        (3, "has schema version 3, this tvae reads version 4: it was written by an older release"),
         (None, "schema version None"),
-        ("3", "schema version 3, this tvae reads version 3: it was written by an older"),
+        ("4", "schema version 4, this tvae reads version 4: it was written by an older"),
     ],
 )
 def test_other_schema_versions_are_refused(saved: Path, version: object, message: str):
@@ -171,7 +171,7 @@ def test_a_description_that_makes_no_sense_is_refused(saved: Path, changes: dict
 
 
 def test_a_description_without_its_parts_is_refused(saved: Path):
-    (saved / "config.json").write_text(json.dumps({"format": "tvae-model", "schema_version": 3}))
+    (saved / "config.json").write_text(json.dumps({"format": "tvae-model", "schema_version": 4}))
     with pytest.raises(ModelError, match="does not describe a model"):
         TrajectoryVAE.load(saved)
 

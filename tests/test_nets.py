@@ -85,6 +85,17 @@ def test_a_reactive_trunk_sees_the_last_change_in_its_unit(sequence: Tensor):
     torch.testing.assert_close(changes[:, 1:], 2 * (sequence[:, 1:] - sequence[:, :-1]))
 
 
+def test_what_was_done_weighs_features_as_the_latent_does(sequence: Tensor):
+    trunk, z = ReactiveTrunk(4, 2, 6, num_done=1), torch.randn(5, 2)
+    done = sequence.clone()
+    done[..., 3] = 1.0
+    features, _ = trunk(done, z)
+    assert trunk.by_style is not None
+    weights = 1 + trunk.by_style(torch.cat([z, torch.ones(5, 1)], dim=1))
+    torch.testing.assert_close(features[..., 6:10], done * weights[:, None, 6:10])
+    assert not torch.allclose(weights, 1 + trunk.by_style(torch.cat([z, torch.zeros(5, 1)], dim=1)))
+
+
 def test_shapes_are_checked_in_tests(sequence: Tensor):
     with pytest.raises(TypeCheckError, match="masked_mean"):
         masked_mean(sequence, torch.ones(5, 4, dtype=torch.bool))

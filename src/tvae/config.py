@@ -23,7 +23,7 @@ class ModelConfig:
     """The most past states that a decoder sees; a bot sees the fewest that lose nothing. None for all of them."""
     stop: bool = True
     """Model the end of an episode. Turn it off for segments of long recordings, whose ends mean nothing."""
-    action_components: int = 3
+    action_components: int = 2
     """Laws in the mixture of each action: left or right around an obstacle, but never straight into it."""
     state_components: int = 1
     """Laws in the mixture of each next state; more for worlds that mostly rest and then leap."""
@@ -47,10 +47,10 @@ class ModelConfig:
 class TrainingConfig:
     """The arguments of `tvae.train.loop.train`."""
 
-    num_steps: int = 3_000
+    num_steps: int = 4_000
     """Most steps of gradient descent."""
-    batch_size: int = 64
-    """Trajectories in a step."""
+    batch_size: int | None = None
+    """Trajectories in a step; None for 32 to 64 of them, fewer where they are long."""
     learning_rate: float = 1e-2
     """Of Adam, at the start."""
     clip: float = 1.0
@@ -59,7 +59,7 @@ class TrainingConfig:
     """Weight of the state term; 0 trains without a state decoder."""
     shortest_window: int = 1
     """The least past states that a bot is to see, where fewer would do."""
-    kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0),)
+    kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.4, 1.0), (0.5, 1.5))
     """Weight of the KL term: straight lines between (progress, weight)."""
     evaluate_every: int = 100
     """Steps between evaluations on held-out demonstrations, which are also when a checkpoint is written."""

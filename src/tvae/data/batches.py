@@ -16,6 +16,8 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.spaces import IntArray
 
 _BUCKETS_PER_POOL = 16
+_STEPS_PER_BATCH = 3_200
+_FEWEST, _MOST = 32, 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,15 @@ def batch_of(demonstrations: Demonstrations, episodes: IntArray, device: torch.d
         lengths=torch.from_numpy(np.asarray(lengths)).to(device),
         next_known=torch.from_numpy(known).to(device),
     )
+
+
+def suitable_batch_size(lengths: IntArray) -> int:
+    """How many trajectories of these lengths (E,) have 3,200 steps together; at least 32 and at most 64.
+
+    >>> [suitable_batch_size(np.full(9, length)) for length in (10, 80, 500)]
+    [64, 40, 32]
+    """
+    return int(np.clip(round(_STEPS_PER_BATCH / lengths.mean()), _FEWEST, _MOST))
 
 
 def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntArray]:

@@ -91,7 +91,7 @@ def fit_run(
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
     terms = {
-        name: asdict(evaluate(model, part, batch_size=config.training.batch_size, seed=config.seed))
+        name: asdict(evaluate(model, part, seed=config.seed))
         for name, part in zip(("training", "held_out"), split(demonstrations, config), strict=True)
     }
     update_metrics(

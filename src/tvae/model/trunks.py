@@ -83,7 +83,9 @@ class ReactiveTrunk(Trunk):
 
     z weighs every feature but itself by 1 + g(z), a feature-wise modulation (Perez et al. 2018, arXiv 1709.07871), so
     that a style has features of its own. Where z is only one more input, a style that meets a state which it never met
-    in training does there what the other styles do.
+    in training does there what the other styles do. The last `num_done` inputs, which say what was done (`Events`),
+    weigh them together with z, for the same reason: who is done does not do it again in a state where training has
+    seen nobody who was done.
 
     >>> trunk = ReactiveTrunk(in_features=3, latent_features=2, hidden_features=8)
     >>> features, _ = trunk(torch.zeros(5, 7, 3), torch.zeros(5, 2))
@@ -92,7 +94,13 @@ class ReactiveTrunk(Trunk):
     """
 
     def __init__(
-        self, in_features: int, latent_features: int, hidden_features: int, dropout: float = 0.0
+        self,
+        in_features: int,
+        latent_features: int,
+        hidden_features: int,
+        dropout: float = 0.0,
+        *,
+        num_done: int = 0,
     ) -> None:
         weighed = hidden_features + 2 * in_features
         seen = 2 * in_features + latent_features
@@ -105,11 +113,14 @@ class ReactiveTrunk(Trunk):
             nn.Linear(hidden_features, hidden_features),
             nn.SiLU(),
         )
+        self.num_done = num_done
         self.by_style = (
             nn.Sequential(
-                nn.Linear(latent_features, hidden_features // 2), nn.SiLU(), nn.Linear(hidden_features // 2, weighed)
+                nn.Linear(latent_features + num_done, hidden_features // 2),
+                nn.SiLU(),
+                nn.Linear(hidden_features // 2, weighed),
             )
-            if latent_features
+            if latent_features + num_done
             else None
         )
 
@@ -124,7 +135,8 @@ class ReactiveTrunk(Trunk):
         mixed = self.mix(torch.cat([seen, self.dropout(remembered)], dim=-1))
         weighed = torch.cat([self.dropout(mixed), inputs, changes], dim=-1)
         if self.by_style is not None:
-            weighed = weighed * (1 + self.by_style(z)[:, None])
+            done = inputs[..., inputs.shape[-1] - self.num_done :]
+            weighed = weighed * (1 + self.by_style(torch.cat([latent, done], dim=-1) if self.num_done else z[:, None]))
         return torch.cat([weighed, latent], dim=-1), Memory(hidden, cell, inputs[:, -1:])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
 from tvae.spaces import Space
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 
 class TrajectoryVAE(nn.Module):
@@ -139,6 +140,7 @@ class TrajectoryVAE(nn.Module):
         self.events = Events(action_space.binary if events else no_columns, latent_features, hidden_features // 2)
         self.perception = Perception(observation_space) if reactive else NoPerception()
         trunk = ReactiveTrunk if reactive else PlainTrunk
+        policy_trunk = partial(ReactiveTrunk, num_done=self.events.num_events) if reactive else PlainTrunk
         self.state_decoder = StateDecoder(
             observation_space,
             trunk(states + (actions if dynamics else 0), latent_features, hidden_features, dropout),
@@ -148,7 +150,7 @@ class TrajectoryVAE(nn.Module):
         )
         self.policy_decoder = PolicyDecoder(
             action_space,
-            trunk(
+            policy_trunk(
                 states + self.perception.num_features + self.events.num_events,
                 latent_features,
                 hidden_features,

@@ -11,7 +11,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device, seeded
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
-from tvae.train.schedules import EVIDENCE, KLSchedule
+from tvae.train.schedules import RAISED, KLSchedule
 
 
 def fit(
@@ -22,16 +22,16 @@ def fit(
     dropout: float = 0.0,
     window: int | None = 4,
     stop: bool = True,
-    action_components: int = 3,
+    action_components: int = 2,
     state_components: int = 1,
     prior_components: int = 4,
     encode_actions: bool = True,
     reactive: bool = True,
     dynamics: bool = False,
     events: bool = True,
-    schedule: KLSchedule = EVIDENCE,
-    num_steps: int = 3_000,
-    batch_size: int = 64,
+    schedule: KLSchedule = RAISED,
+    num_steps: int = 4_000,
+    batch_size: int | None = None,
     learning_rate: float = 1e-2,
     clip: float = 1.0,
     state_weight: float = 1.0,

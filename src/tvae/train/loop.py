@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches
+from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
@@ -51,7 +51,7 @@ def train(
     *,
     schedule: KLSchedule,
     num_steps: int = 4_000,
-    batch_size: int = 64,
+    batch_size: int | None = None,
     learning_rate: float = 2e-3,
     clip: float = 1.0,
     state_weight: float = 1.0,
@@ -64,10 +64,10 @@ def train(
 ) -> tuple[Record, ...]:
     """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
 
-    Each step takes one batch of trajectories of similar lengths, cut into the model's windows at a random offset,
-    and one step of Adam on -(policy + state_weight state + stop - beta KL) / (mean length), its learning rate
-    falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is clipped to the
-    norm `clip` on its own, so that a sharp term cannot drown another.
+    Each step takes one batch of `batch_size` trajectories of similar lengths (None: `suitable_batch_size`), cut into
+    the model's windows at a random offset, and one step of Adam on -(policy + state_weight state + stop - beta KL) /
+    (mean length), its learning rate falling to nothing along half a cosine. The gradient of the encoder, the prior and
+    each decoder is clipped to the norm `clip` on its own, so that a sharp term cannot drown another.
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
     the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of
@@ -86,6 +86,8 @@ def train(
     Warns with `TrainingWarning` where the latent has collapsed or nothing was learnt. Raises `TrainingError` where
     a gradient is not finite, and `CheckpointError` for a checkpoint of something else.
     """
+    if batch_size is None:
+        batch_size = suitable_batch_size(demonstrations.lengths)
     for name, number in (("num_steps", num_steps), ("batch_size", batch_size), ("evaluate_every", evaluate_every)):
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")

@@ -115,7 +115,7 @@ class Cell:
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             write_json(self.directory / "cell.json", self.asked)
-            demonstrations = STUDIES[self.task].demonstrations(self.seed)
+            demonstrations = STUDIES[self.task].learnt_from(self.preset, self.seed)
             if not (self.directory / "training.json").exists():
                 self._train(demonstrations, device)
             began = time.perf_counter()
@@ -165,7 +165,7 @@ class Cell:
         """What pictures are drawn from."""
         return self._subject(
             TrajectoryVAE.load(self.directory),
-            STUDIES[self.task].demonstrations(self.seed),
+            STUDIES[self.task].learnt_from(self.preset, self.seed),
             Findings.from_json(read_json(self.directory / "findings.json")),
         )
 

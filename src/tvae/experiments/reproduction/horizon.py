@@ -19,11 +19,13 @@ _NAMES = {
 
 def horizon_picture(runs: Runs, error: str) -> Picture:
     """Mean error at each step, with 95 % intervals over seeds; a bot starts where demonstrations start."""
-    bands, tables = {}, []
+    bands, tables, means = {}, [], {}
     for preset, name in _NAMES.items():
         if not runs.get(preset):
             continue
-        mean, low, high = band(np.array([run["horizon"] for run in runs[preset]])[:, 1:])
+        errors = np.array([run["horizon"] for run in runs[preset]])
+        means[preset] = errors.mean(0).round(5).tolist()
+        mean, low, high = band(errors[:, 1:])
         bands[name] = Band(mean, low.clip(0), high)
         steps = len(mean)
         tables.append(
@@ -35,5 +37,5 @@ def horizon_picture(runs: Runs, error: str) -> Picture:
                 "high": high.round(5).tolist(),
             }
         )
-    facts = {"error": error, "seeds": {name: len(metrics) for name, metrics in runs.items()}}
+    facts = {"error": error, "seeds": {name: len(metrics) for name, metrics in runs.items()}, "mean_by_step": means}
     return Picture("figure-horizon", horizon(bands, y=error), stacked(tables), facts)

@@ -16,14 +16,9 @@ from tvae.config import ModelConfig, RunConfig, TrainingConfig
 EVIDENCE = ((0.0, 1.0),)
 """beta = 1 throughout."""
 
-_WALKS = RunConfig(training=TrainingConfig(batch_size=32))
-"""Trajectories of a hundred steps: half as many in a batch as of the short ones of the zombie task."""
-_NAVIGATION = replace(_WALKS, training=replace(_WALKS.training, shortest_window=4))
-"""With windows of 2, which would do, z gets an island for walkers that reached their goal early."""
-_CIRCLE = replace(_WALKS, model=replace(_WALKS.model, stop=False))
+_DEFAULT = RunConfig()
+_CIRCLE = replace(_DEFAULT, model=replace(_DEFAULT.model, stop=False))
 """Demonstrators go around once, and who has gone around may go on: the end of an episode means nothing."""
-_ZOMBIE = RunConfig(training=TrainingConfig(kl_points=((0.0, 1.0), (0.4, 1.0), (0.5, 2.0))))
-"""The start of the zombie differs from episode to episode, and z is to forget it."""
 
 
 def _as_the_paper(batch_size: int) -> RunConfig:
@@ -46,9 +41,9 @@ def _behavioural_cloning(window: int | None) -> RunConfig:
 
 
 PRESETS: Mapping[str, Mapping[str, RunConfig]] = {
-    "navigation": {"default": _NAVIGATION, "paper": _as_the_paper(batch_size=32)},
+    "navigation": {"default": _DEFAULT, "paper": _as_the_paper(batch_size=32)},
     "circle": {"default": _CIRCLE, "paper": _as_the_paper(batch_size=32)},
-    "zombie": {"default": _ZOMBIE, "paper": _as_the_paper(batch_size=64)},
+    "zombie": {"default": _DEFAULT, "paper": _as_the_paper(batch_size=64)},
 }
 """By task and name: the two that a reproduction is about."""
 
@@ -61,20 +56,25 @@ BESIDE: Mapping[str, Mapping[str, RunConfig]] = {
 }
 """What a figure shows beside them: behavioural cloning (errors by horizon)."""
 
+FEWER: Mapping[str, int] = {"demonstrations_100": 100, "demonstrations_300": 300, "demonstrations_1000": 1000}
+"""Presets of the zombie task that are our default with fewer demonstrations than 2,000."""
+
 ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
     "navigation": {},
     "circle": {},
     "zombie": {
-        "whole_episodes": replace(_ZOMBIE, model=replace(_ZOMBIE.model, window=None)),
+        "whole_episodes": replace(_DEFAULT, model=replace(_DEFAULT.model, window=None)),
         "no_state_decoder": replace(
-            _ZOMBIE, model=replace(_ZOMBIE.model, stop=False), training=replace(_ZOMBIE.training, state_weight=0.0)
+            _DEFAULT, model=replace(_DEFAULT.model, stop=False), training=replace(_DEFAULT.training, state_weight=0.0)
         ),
-        "no_actions_in_encoder": replace(_ZOMBIE, model=replace(_ZOMBIE.model, encode_actions=False)),
-        "dynamics": replace(_ZOMBIE, model=replace(_ZOMBIE.model, dynamics=True)),
-        "no_events": replace(_ZOMBIE, model=replace(_ZOMBIE.model, events=False)),
-        "one_law": replace(_ZOMBIE, model=replace(_ZOMBIE.model, action_components=1)),
-        "one_gaussian_prior": replace(_ZOMBIE, model=replace(_ZOMBIE.model, prior_components=1)),
-        "plain_decoders": replace(_ZOMBIE, model=replace(_ZOMBIE.model, reactive=False)),
+        "no_actions_in_encoder": replace(_DEFAULT, model=replace(_DEFAULT.model, encode_actions=False)),
+        "dynamics": replace(_DEFAULT, model=replace(_DEFAULT.model, dynamics=True)),
+        "no_events": replace(_DEFAULT, model=replace(_DEFAULT.model, events=False)),
+        "evidence": replace(_DEFAULT, training=replace(_DEFAULT.training, kl_points=EVIDENCE)),
+        "one_law": replace(_DEFAULT, model=replace(_DEFAULT.model, action_components=1)),
+        "one_gaussian_prior": replace(_DEFAULT, model=replace(_DEFAULT.model, prior_components=1)),
+        "plain_decoders": replace(_DEFAULT, model=replace(_DEFAULT.model, reactive=False)),
+        **dict.fromkeys(FEWER, _DEFAULT),
     },
 }
 """One thing changed in our default at a time (figure 8 shows `whole_episodes` too); the term of the end goes with the

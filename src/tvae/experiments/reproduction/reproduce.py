@@ -119,8 +119,12 @@ def _make(cell: Cell, device: str, force: bool) -> None:
 def finish(plan: Plan, task: str, *, console: Console) -> None:
     """The results of a task from its cells."""
     study = STUDIES[task]
+    measured = [
+        preset for preset in ABLATIONS[task] if all(cell.is_measured() for cell in plan.cells(task, preset))
+    ]
     runs: dict[str, list[dict[str, Any]]] = {
-        preset: [cell.read() for cell in plan.cells(task, preset)] for preset in plan.presets(task)
+        preset: [cell.read() for cell in plan.cells(task, preset)]
+        for preset in [*PRESETS[task], *BESIDE[task], *measured]
     }
     summaries = {preset: summary(found) for preset, found in runs.items()}
     for preset in PRESETS[task]:
@@ -139,7 +143,7 @@ def finish(plan: Plan, task: str, *, console: Console) -> None:
         picture.write(home)
     shown = {name: summaries[name] for name in [*PRESETS[task], *BESIDE[task]]}
     write_table(shown, study.title, plan.command, home / "README.md")
-    if plan.ablations and ABLATIONS[task]:
-        table = {name: summaries[name] for name in ["default", *ABLATIONS[task]]}
+    if measured:
+        table = {name: summaries[name] for name in ["default", *measured]}
         write_json(home / "ablations.json", table)
         write_table(table, f"{study.title}: one thing changed at a time", plan.command, home / "ablations.md")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeAlias
 
 from matplotlib.animation import FuncAnimation
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
+from tvae.envs.zombie import zombie_demonstrations
 from tvae.experiments.reproduction import circle, navigation, zombie, zombie_pictures
 from tvae.experiments.reproduction.horizon import horizon_picture
 from tvae.experiments.reproduction.numbers import Picture, Runs
-from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS
+from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, FEWER, PRESETS
 from tvae.experiments.reproduction.subject import Subject
 
 Measure: TypeAlias = Callable[[Subject], dict[str, Any]]
@@ -26,6 +28,8 @@ class Study:
     title: str
     demonstrations: Callable[[int], Demonstrations]
     """Of a seed."""
+    other_demonstrations: Mapping[str, Callable[[int], Demonstrations]] = field(default_factory=dict, kw_only=True)
+    """By preset, where one learns from others."""
     test_demonstrations: Callable[[], Demonstrations]
     presets: Mapping[str, RunConfig]
     measures: Mapping[str, Measure]
@@ -35,6 +39,10 @@ class Study:
     draw_across: Callable[[Runs], list[Picture]]
     """The figures of all seeds and presets together."""
     animations: Callable[[Subject], dict[str, FuncAnimation]] = lambda subject: {}
+
+    def learnt_from(self, preset: str, seed: int) -> Demonstrations:
+        """The demonstrations that a preset is trained on."""
+        return self.other_demonstrations.get(preset, self.demonstrations)(seed)
 
 
 def _presets(task: str) -> dict[str, RunConfig]:
@@ -83,5 +91,6 @@ STUDIES: Mapping[str, Study] = {
         zombie_pictures.draw,
         zombie_pictures.draw_across,
         zombie_pictures.animations,
+        other_demonstrations={name: partial(zombie_demonstrations, count) for name, count in FEWER.items()},
     ),
 }
