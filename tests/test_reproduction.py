@@ -141,10 +141,21 @@ def test_leakage_finds_the_style_that_tells_most_and_the_sample_tells_less():
     world = rng.standard_normal((600, 2))
     means = np.where(styles[:, None] == 0, world, 0.0) + 0.01 * rng.standard_normal((600, 2)) + 10 * styles[:, None]
     found = leakage(Posteriors(means, np.full((600, 2), 0.5)), world, styles)
-    assert found.from_mean > 0.9
-    assert 0.5 < found.from_sample < found.from_mean
+    assert found.from_mean.r2 > 0.9
+    assert 0.5 < found.from_sample.r2 < found.from_mean.r2
+    assert found.from_sample.nats < found.from_mean.nats
     nothing = leakage(Posteriors(means[300:], np.full((300, 2), 0.5)), world[300:], styles[300:])
-    assert nothing.from_mean < 0.1
+    assert nothing.from_mean.r2 < 0.1
+    assert nothing.from_mean.nats < 0.1
+
+
+def test_leakage_in_nats_is_what_a_gaussian_channel_carries():
+    rng = np.random.default_rng(0)
+    world = rng.standard_normal((4000, 1))
+    noisy = Posteriors(world, np.full((4000, 1), 1.0))
+    told = leakage(noisy, np.hstack([world, np.ones((4000, 1))]), np.zeros(4000, dtype=np.int64), seed=1).from_sample
+    assert told.r2 == pytest.approx(0.5, abs=0.05)  # Var(E[y | z]) / Var(y) for y, noise ~ N(0, 1)
+    assert told.nats == pytest.approx(0.5 * np.log(2), abs=0.05)
 
 
 def test_over_seeds_gives_students_interval_and_leaves_out_what_is_no_number():

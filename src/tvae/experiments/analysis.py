@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import torch
 from rich.console import Console
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import Posteriors, encode
+from tvae.evaluate.leakage import leakage
 from tvae.evaluate.likelihood import importance_weighted_bound
 from tvae.evaluate.playstyles import find_playstyles, label_agreement, match
 from tvae.evaluate.styles import Playstyles
@@ -48,7 +50,8 @@ def analyse(
     )
     write_table(table, run.styles, overwrite=True)
     write_json(run.playstyles, findings.to_json())
-    update_metrics(run, {"playstyles": _metrics(findings, demonstrations)})
+    held = _latent(model, posteriors, playstyles, demonstrations)
+    update_metrics(run, {"playstyles": _metrics(findings, demonstrations), **held})
     console.print(playstyles.verdict, highlight=False)
     for style in playstyles.styles:
         console.print(f"{findings.name(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
@@ -79,6 +82,25 @@ def _metrics(findings: Findings, demonstrations: Demonstrations) -> dict[str, ob
         labels = demonstrations.attributes["label"]
         metrics["ari"] = label_agreement(playstyles.assignment, labels)
     return metrics
+
+
+def _latent(
+    model: TrajectoryVAE, posteriors: Posteriors, playstyles: Playstyles, demonstrations: Demonstrations
+) -> dict[str, object]:
+    """What z holds beside the style: `leakage` tells of the first observation, which is the world's doing.
+
+    Left out where no style has episodes enough to tell.
+    """
+    starts = torch.as_tensor(demonstrations.observations[demonstrations.observation_starts], dtype=torch.float32)
+    normalizer = model.observation_normalizer
+    facts = normalizer.features(normalizer.values(starts.to(model.device))).double().cpu().numpy()
+    try:
+        told = leakage(posteriors, facts, playstyles.assignment)
+    except ValueError:
+        return {"active_units": len(playstyles.active)}
+    names = {"start_r2": told.from_sample.r2, "start_r2_from_mean": told.from_mean.r2}
+    nats = {"start_nats": told.from_sample.nats, "start_nats_from_mean": told.from_mean.nats}
+    return {"active_units": len(playstyles.active), "leakage": {**names, **nats}}
 
 
 def styles_table(

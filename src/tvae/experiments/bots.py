@@ -13,6 +13,7 @@ from scipy.stats import binomtest
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
+from tvae.evaluate.keeping import style_consistency
 from tvae.evaluate.likelihood import mean_interval
 from tvae.experiments.arenas import Arena, knowledge_of
 from tvae.experiments.findings import Findings
@@ -70,7 +71,8 @@ def try_bots(
     """Play `arena.episodes` with the bot of each style, sampled and most likely actions; keep the former.
 
     Adds to `metrics.json` for each style, under its label or name: `success` and `success_most_likely` where the
-    environment knows success, its measures, `episode_length` and `return`, each measure with a 95 % interval.
+    environment knows success, its measures, `episode_length` and `return`, each measure with a 95 % interval, and
+    `style_consistency`, the share of its episodes that the encoder tells as its style.
     """
     knowledge = knowledge_of(arena.env)
     found: dict[str, dict[str, Any]] = {}
@@ -91,6 +93,8 @@ def try_bots(
             if choice is most_likely:
                 continue
             save_demonstrations(episodes, run.rollouts(style.index), overwrite=True)
+            kept = style_consistency(model, findings.playstyles, style, episodes)
+            found.setdefault("style_consistency", {})[name] = kept
             returns = np.add.reduceat(episodes.steps["reward"], episodes.action_starts)
             measures = {**knowledge.measures(episodes), "episode_length": episodes.lengths, "return": returns}
             for measure, values in measures.items():

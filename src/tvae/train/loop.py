@@ -18,7 +18,7 @@ from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import Windows, cut, policy_windows, whole
+from tvae.model.windows import Windows, cut, whole
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
 from tvae.train.memory import candidates, shortest_sufficient_window
 from tvae.train.schedules import KLSchedule
@@ -71,8 +71,8 @@ def train(
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
     the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of
-    all lengths among which to choose, a random one in each step, and afterwards on what a bot will see, rolling
-    windows of the chosen length.
+    all lengths among which to choose, a random one in each step, and afterwards on windows of the chosen length. These
+    too are cut, so that the policy often begins without a past: there it has z alone to go by, and z learns the more.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
@@ -191,7 +191,7 @@ class _Steps:
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
-            policy = _any_of(self.windows, batch) if step < self.chosen else _of_the_policy(model, batch)
+            policy = _any_of(self.windows, batch) if step < self.chosen else _cut(batch, model.bot_window)
             terms = elbo(model, batch, policy=policy, state=_cut(batch, model.window))
             self.optimizer.zero_grad()
             (-per_step * terms.value(beta, self.state_weight).mean()).backward()
@@ -218,11 +218,6 @@ def _any_of(lengths: Sequence[int | None], batch: TrajectoryBatch) -> Windows:
     return _cut(batch, lengths[int(torch.randint(len(lengths), ()))])
 
 
-def _of_the_policy(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
-    """What the policy is trained on once its window is chosen: what a bot sees, if that is less than at first."""
-    return _cut(batch, model.window) if model.bot_window == model.window else policy_windows(model, batch)
-
-
 @torch.no_grad()
 def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size: int = 64, seed: int = 0) -> Terms:
     """Mean terms of the bound over all trajectories, one posterior sample each, without dropout."""
@@ -232,7 +227,7 @@ def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size
     with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
-            terms = _mean(elbo(model, batch, policy=_of_the_policy(model, batch), state=_cut(batch, model.window)))
+            terms = _mean(elbo(model, batch, policy=_cut(batch, model.bot_window), state=_cut(batch, model.window)))
             weighted.extend([terms] * len(episodes))
     model.train(was_training)
     return _average(weighted)

@@ -20,6 +20,7 @@ from tvae.envs.zombie import (
     zombie_demonstrations,
 )
 from tvae.envs.zombie_dynamics import NUM_STEPS
+from tvae.evaluate.keeping import style_consistency
 from tvae.evaluate.leakage import leakage
 from tvae.evaluate.paths import apart, earth_mover
 from tvae.experiments.arenas import Arena
@@ -100,8 +101,10 @@ def measure_briefly(subject: Subject) -> dict[str, Any]:
     `found`: 1 where a found style bears the label; where none does, z comes from training episodes that carry it.
 
     `decoder_consistency`: mean distance of the agent's path as the state decoder imagines it and as the policy
-    decoder walks it, from the same start and z, both most likely. `leakage_r2`: of the zombie's start, from a sample
-    of z, within the style that tells most; `leakage_r2_from_mean` from the posterior mean.
+    decoder walks it, from the same start and z, both most likely. `leakage_r2`, `leakage_nats`: of the zombie's start,
+    from a sample of z, within the style that tells most; `..._from_mean` from the posterior mean. `active_units`:
+    features of z that tell episodes apart. `style_consistency`: share of a bot's episodes that the encoder tells as
+    its style.
     """
     return {
         **measure_bots(subject),
@@ -122,9 +125,19 @@ def measure_bots(subject: Subject) -> dict[str, Any]:
         "success": {label: _rate(played[label], label) for label in LABELS},
         "success_most_likely": {label: _rate(likely[label], label) for label in LABELS},
         "attacks_per_episode": {label: _attacks(played[label]) for label in LABELS},
-        "leakage_r2": told.from_sample,
-        "leakage_r2_from_mean": told.from_mean,
+        "leakage_r2": told.from_sample.r2,
+        "leakage_r2_from_mean": told.from_mean.r2,
+        "leakage_nats": told.from_sample.nats,
+        "leakage_nats_from_mean": told.from_mean.nats,
+        "active_units": len(subject.playstyles.active),
+        "style_consistency": {label: _consistent(subject, label, played[label]) for label in LABELS},
     }
+
+
+def _consistent(subject: Subject, label: str, episodes: Demonstrations) -> float:
+    if not subject.is_found(label):
+        return 0.0
+    return style_consistency(subject.model, subject.playstyles, subject.findings.style(label), episodes)
 
 
 def _play(
