@@ -17,8 +17,8 @@ EVIDENCE = ((0.0, 1.0),)
 """beta = 1 throughout."""
 
 _DEFAULT = RunConfig()
-_NAVIGATION = replace(_DEFAULT, training=replace(_DEFAULT.training, kl_points=EVIDENCE))
-"""z is to hold where the goal of each trajectory was, which is more than a style."""
+_NAVIGATION = replace(_DEFAULT, training=replace(_DEFAULT.training, kl_points=EVIDENCE, num_steps=6_000))
+"""z is to hold where the goal of each trajectory was, which is more than a style and takes longer to learn."""
 _CIRCLE = replace(_DEFAULT, model=replace(_DEFAULT.model, stop=False))
 """Demonstrators go around once, and who has gone around may go on: the end of an episode means nothing."""
 
