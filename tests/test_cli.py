@@ -72,6 +72,9 @@ def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
     assert metrics["playstyles"]["num_found"] >= 1
     assert metrics["train_seconds"] > 0
     assert metrics["test_episodes"] == 12
+    assert 0 <= metrics["active_units"] <= 2
+    assert all(0 <= share <= 1 for share in metrics["style_consistency"].values())
+    assert len(metrics["style_consistency"]) == metrics["playstyles"]["num_found"]
     history = json.loads((run / "history.json").read_text())
     kept = metrics["nats_per_trajectory"]["held_out"]
     assert any(record["held_out"] == pytest.approx(kept) for record in history)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,3 +46,28 @@ def test_links_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_numbers_are_those_of_the_results() -> None:
+    checked = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "fill_docs.py", "--check"], capture_output=True, text=True, check=False
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+def test_numbers_are_found_and_written_as_their_tags_say() -> None:
+    spec = importlib.util.spec_from_file_location("fill_docs", ROOT / "scripts" / "fill_docs.py")
+    assert spec is not None
+    assert spec.loader is not None
+    fill_docs = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fill_docs)
+    found = {"held_out": {"speed_0.4": {"avoid": [0.5, 0.25]}}}
+    assert fill_docs.at(found, "held_out.speed_0.4.avoid.1") == 0.25
+    share = {"mean": 0.003, "ci95": [-0.01, 1.2]}
+    assert fill_docs.written(share, "%", alone=False) == "0.3 % [0.0, 100.0]"
+    assert fill_docs.written(share, "2", alone=True) == "0.00"
+    assert fill_docs.written(-0.001, "2", alone=True) == "0.00"
+    failures: list[str] = []
+    page = "<!--nowhere a.b 2-->1<!----> <!--zombie success.nobody %-->2<!----> <!--mistyped-->3<!---->"
+    assert fill_docs.filled(page, failures.append) == page
+    assert len(failures) == 3
