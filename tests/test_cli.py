@@ -79,7 +79,7 @@ def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
     kept = metrics["nats_per_trajectory"]["held_out"]
     assert any(record["held_out"] == pytest.approx(kept) for record in history)
     config = json.loads((run / "config.json").read_text())
-    assert config["schema_version"] == 3
+    assert config["schema_version"] == 4
     assert config["run"]["config"]["training"]["num_steps"] == 30
     assert config["run"]["config"]["seed"] == 3
 

@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from toys import two_styles, untrained
 from tvae.data.demonstrations import Demonstrations
 from tvae.envs.circle import CircleExpert, CircleVectorEnv, circle_demonstrations
 from tvae.envs.navigation import navigation_demonstrations
 from tvae.envs.zombie import zombie_demonstrations
 from tvae.evaluate.encoding import Posteriors
+from tvae.evaluate.keeping import style_consistency
 from tvae.evaluate.leakage import leakage
 from tvae.evaluate.over_seeds import band, over_seeds
 from tvae.evaluate.paths import apart, to_nearest
+from tvae.evaluate.playstyles import find_playstyles
 from tvae.experiments.reproduction import circle, navigation, zombie
 from tvae.experiments.reproduction import reproduce as module
 from tvae.experiments.reproduction.cells import Cell, CellError, Effort
@@ -28,6 +31,7 @@ from tvae.experiments.reproduction.reproduce import Plan, reproduce
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import TEST, first_observations
 from tvae.experiments.reproduction.summary import summary
+from tvae.experiments.run_directory import write_json
 from tvae.figures.zombie import zombie_paths
 from tvae.rollouts import rollout
 from tvae.train.checkpoint import write_checkpoint
@@ -158,6 +162,40 @@ def test_leakage_in_nats_is_what_a_gaussian_channel_carries():
     assert told.nats == pytest.approx(0.5 * np.log(2), abs=0.05)
 
 
+def test_leakage_knows_facts_that_do_not_vary_and_such_as_are_told_exactly():
+    rng = np.random.default_rng(0)
+    told = np.repeat([0.0, 1.0], 200)[:, None]
+    posteriors = Posteriors(10 * told + 0.01 * rng.standard_normal((400, 1)), np.full((400, 1), 0.01))
+    found = leakage(posteriors, np.hstack([told, np.full((400, 1), 0.1)]), np.zeros(400, dtype=np.int64))
+    assert found.from_mean.r2 == pytest.approx(1)
+    assert found.from_mean.nats == pytest.approx(0.5 * np.log(1e6))
+    assert leakage(posteriors, np.full((400, 2), 0.1), np.zeros(400, dtype=np.int64)).from_mean.nats == 0
+
+
+def test_a_style_is_kept_where_what_was_done_is_told_as_it(monkeypatch: pytest.MonkeyPatch):
+    rng = np.random.default_rng(0)
+    clusters = np.repeat([[-3.0, 0.0], [3.0, 0.0]], 200, axis=0) + 0.3 * rng.standard_normal((400, 2))
+    playstyles = find_playstyles(Posteriors(clusters, np.full((400, 2), 0.3)))
+    assert len(playstyles) == 2
+    played = Posteriors(np.vstack([clusters[:30], clusters[-10:]]), np.full((40, 2), 0.3))
+    monkeypatch.setattr("tvae.evaluate.keeping.encode", lambda model, episodes: played)
+    episodes = two_styles(3)
+    kept = {
+        bool(playstyles.assignment[-1] == style.index): style_consistency(
+            untrained(episodes), playstyles, style, episodes
+        )
+        for style in playstyles.styles
+    }
+    assert kept == {True: 0.25, False: 0.75}
+
+
+def test_the_grid_of_figure_3_lies_at_quantiles():
+    means = np.stack([np.linspace(0, 1, 101), np.linspace(10, 0, 101)], axis=1)
+    grid = navigation.latent_grid(means)
+    np.testing.assert_allclose(grid[0, :, 0], [0.125, 0.375, 0.625, 0.875])
+    np.testing.assert_allclose(grid[:, 0, 1], [8.75, 6.25, 3.75, 1.25])
+
+
 def test_over_seeds_gives_students_interval_and_leaves_out_what_is_no_number():
     runs = [{"a": {"b": value}, "words": "no", "ids": [1]} for value in (1.0, 2.0, 3.0)]
     assert over_seeds(runs) == {"a": {"b": {"mean": 2.0, "ci95": [-0.484138, 4.484138], "seeds": 3}}}
@@ -192,6 +230,14 @@ def test_only_what_is_missing_is_trained(tmp_path: Path, monkeypatch: pytest.Mon
         ("paper", 0),  # measured, but its model is to be drawn
         *((preset, seed) for preset in ("cloning_lstm", "cloning_memoryless") for seed in (0, 1)),
     ]
+
+
+def test_only_ablations_that_are_measured_as_asked_are_shown(tmp_path: Path):
+    cells = Plan(["zombie"], tmp_path, 1, QUICK, ablations=False, command="").cells("zombie", "one_law")
+    assert not module._is_there(cells)
+    write_json(cells[0].metrics, {"cell": cells[0].asked})
+    assert module._is_there(cells)
+    assert not module._is_there([replace(cells[0], effort=Effort(steps=4, episodes=12))])
 
 
 @pytest.mark.usefixtures("small_studies")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import warnings
 from dataclasses import replace
@@ -15,15 +16,16 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from toys import noise, two_styles, untrained
-from tvae.data.batches import batch_of
+from tvae.config import RunConfig
+from tvae.data.batches import TrajectoryBatch, batch_of, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
-from tvae.model.elbo import elbo
+from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import cut, whole
+from tvae.model.windows import Windows, cut, whole
 from tvae.train.checkpoint import CheckpointError, Record, Terms
 from tvae.train.fitting import fit, new_model
 from tvae.train.loop import Observer, TrainingError, TrainingWarning, evaluate, train
-from tvae.train.schedules import Budget, Constant, KLSchedule, Piecewise
+from tvae.train.schedules import RAISED, Budget, Constant, KLSchedule, Piecewise
 
 QUICK = {"num_steps": 60, "batch_size": 8, "evaluate_every": 10, "learning_rate": 5e-3}
 
@@ -55,6 +57,46 @@ def weights(model: nn.Module) -> dict[str, Tensor]:
 
 def same(left: dict[str, Tensor], right: dict[str, Tensor]) -> bool:
     return left.keys() == right.keys() and all(torch.equal(left[name], right[name]) for name in left)
+
+
+# Settings
+
+
+def test_fit_and_the_configuration_have_the_same_defaults() -> None:
+    asked = {name: p.default for name, p in inspect.signature(fit).parameters.items()}
+    config = RunConfig().to_json()
+    shared = {**config["model"], **config["training"]}
+    assert asked["schedule"] == RAISED == Piecewise(shared.pop("kl_points"))
+    assert {name: asked[name] for name in shared if name in asked} == {n: v for n, v in shared.items() if n in asked}
+    assert len(shared.keys() & asked.keys()) >= 20
+
+
+def test_a_batch_of_no_given_size_is_one_of_the_suitable_size(walks: tuple[Demonstrations, Demonstrations]) -> None:
+    size = suitable_batch_size(walks[0].lengths)
+    assert size == 64
+    found = [
+        weights(trained(untrained(walks[0]), walks, num_steps=3, batch_size=asked)[0]) for asked in (None, size, 8)
+    ]
+    assert same(found[0], found[1])
+    assert not same(found[0], found[2])
+
+
+def test_once_the_window_is_chosen_the_policy_is_trained_on_cut_windows_of_it(
+    walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    widths: list[tuple[int, int]] = []
+
+    def spy(model: TrajectoryVAE, batch: TrajectoryBatch, *, policy: Windows, state: Windows) -> Elbo:
+        if model.training:
+            widths.append((policy.steps.shape[1], int(policy.valid.sum() - batch.lengths.sum())))
+        return elbo(model, batch, policy=policy, state=state)
+
+    monkeypatch.setattr("tvae.train.loop.elbo", spy)
+    monkeypatch.setattr("tvae.train.loop.shortest_sufficient_window", lambda *args, **options: 2)
+    trained(untrained(walks[0], window=4), walks, num_steps=40)
+    assert {width for width, _ in widths[:20]} == {1, 2, 4}
+    assert {width for width, _ in widths[30:]} == {2}
+    assert {twice for _, twice in widths} == {0}  # every step counts once
 
 
 # Learning
@@ -448,9 +490,9 @@ def rewritten(path: Path, **metadata: str) -> None:
 @pytest.mark.parametrize(
     ("metadata", "message"),
     [
-        ({"version": "1"}, r"needs format tvae-checkpoint, version 2, got 'tvae-checkpoint', version '1'"),
+        ({"version": "1"}, r"needs format tvae-checkpoint, version 3, got 'tvae-checkpoint', version '1'"),
         ({"version": "99"}, "version '99'"),
-        ({"format": "pt"}, "got 'pt', version '2'"),
+        ({"format": "pt"}, "got 'pt', version '3'"),
     ],
 )
 def test_another_version_or_format_is_refused(

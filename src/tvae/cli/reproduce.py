@@ -46,7 +46,7 @@ def reproduce(
     seeds
         How many seeds, from 0 on.
     ablations
-        Train the ablations as well (zombie).
+        Train the ablations as well, and with fewer demonstrations (zombie).
     steps
         Training steps, instead of what each preset says; for a quick look.
     episodes

@@ -10,7 +10,8 @@ standardised. 0 says that nothing is told; below 0, that the neighbours are wors
 
     sum_d max(0, 1/2 log(Var(y_d) / MSE_d)),
 
-what the predictions save a Gaussian code of the facts, each on its own: about as much as z tells of them, at least.
+what the predictions save a Gaussian code that writes each fact on its own; 1/2 log 10^6 at most of a fact that z tells
+without error.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from tvae.spaces import FloatArray, IntArray
 
 NUM_NEIGHBOURS = 20
 NUM_FOLDS = 5
+FEWEST_EPISODES = 2 * NUM_NEIGHBOURS
+"""A style needs as many."""
+_EXACT = 1e-6
+"""Share of a fact's variance below which an error counts as so much."""
 
 
 @dataclass(frozen=True, order=True)
@@ -61,9 +66,9 @@ def leakage(posteriors: Posteriors, world: FloatArray, styles: IntArray, *, seed
     """
     rng = np.random.default_rng(seed)
     sample = posteriors.sample(rng)
-    enough = [style for style in np.unique(styles) if (styles == style).sum() >= 2 * NUM_NEIGHBOURS]
+    enough = [style for style in np.unique(styles) if (styles == style).sum() >= FEWEST_EPISODES]
     if not enough:
-        raise ValueError(f"leakage needs a style of at least {2 * NUM_NEIGHBOURS} episodes, got {len(styles)} in all")
+        raise ValueError(f"leakage needs a style of at least {FEWEST_EPISODES} episodes, got {len(styles)} in all")
     worst = [
         max(_told(z[styles == style], world[styles == style], seed) for style in enough)
         for z in (sample, posteriors.means)
@@ -72,9 +77,13 @@ def leakage(posteriors: Posteriors, world: FloatArray, styles: IntArray, *, seed
 
 
 def _told(z: FloatArray, world: FloatArray, seed: int) -> Told:
-    facts = (world - world.mean(0)) / np.where(world.std(0) > 0, world.std(0), 1.0)
+    mean, spread = world.mean(0), world.std(0)
+    varies = spread > 1e-9 * (1 + np.abs(mean))
+    if not varies.any():
+        return Told(0.0, 0.0)
+    facts = ((world - mean) / np.where(varies, spread, 1.0))[:, varies]
     folds = KFold(NUM_FOLDS, shuffle=True, random_state=seed)
     predicted = cross_val_predict(KNeighborsRegressor(NUM_NEIGHBOURS), z, facts, cv=folds)
-    squares, errors = (facts**2).sum(0).clip(1e-300), ((facts - predicted) ** 2).sum(0).clip(1e-300)
-    saved = 0.5 * np.log(squares / errors)
-    return Told(float(1 - errors.sum() / squares.sum()), float(saved[facts.any(0)].clip(0).sum()))
+    squares, errors = (facts**2).sum(0), ((facts - predicted) ** 2).sum(0)
+    saved = 0.5 * np.log(squares / np.maximum(errors, _EXACT * squares))
+    return Told(float(1 - errors.sum() / squares.sum()), float(saved.clip(0).sum()))

@@ -13,7 +13,7 @@ from rich.console import Console
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import Posteriors, encode
-from tvae.evaluate.leakage import leakage
+from tvae.evaluate.leakage import FEWEST_EPISODES, leakage
 from tvae.evaluate.likelihood import importance_weighted_bound
 from tvae.evaluate.playstyles import find_playstyles, label_agreement, match
 from tvae.evaluate.styles import Playstyles
@@ -50,7 +50,7 @@ def analyse(
     )
     write_table(table, run.styles, overwrite=True)
     write_json(run.playstyles, findings.to_json())
-    held = _latent(model, posteriors, playstyles, demonstrations)
+    held = _latent(model, posteriors, playstyles, demonstrations, config.seed)
     update_metrics(run, {"playstyles": _metrics(findings, demonstrations), **held})
     console.print(playstyles.verdict, highlight=False)
     for style in playstyles.styles:
@@ -85,22 +85,23 @@ def _metrics(findings: Findings, demonstrations: Demonstrations) -> dict[str, ob
 
 
 def _latent(
-    model: TrajectoryVAE, posteriors: Posteriors, playstyles: Playstyles, demonstrations: Demonstrations
+    model: TrajectoryVAE, posteriors: Posteriors, playstyles: Playstyles, demonstrations: Demonstrations, seed: int
 ) -> dict[str, object]:
-    """What z holds beside the style: `leakage` tells of the first observation, which is the world's doing.
+    """What z holds beside the style: `leakage` tells of the first observation within a style.
 
-    Left out where no style has episodes enough to tell.
+    Left out for a model without z, and where no style has episodes enough to tell.
     """
+    held: dict[str, object] = {"active_units": len(playstyles.active)}
+    largest = np.bincount(playstyles.assignment).max()
+    if model.latent_features == 0 or largest < FEWEST_EPISODES:
+        return held
     starts = torch.as_tensor(demonstrations.observations[demonstrations.observation_starts], dtype=torch.float32)
     normalizer = model.observation_normalizer
     facts = normalizer.features(normalizer.values(starts.to(model.device))).double().cpu().numpy()
-    try:
-        told = leakage(posteriors, facts, playstyles.assignment)
-    except ValueError:
-        return {"active_units": len(playstyles.active)}
+    told = leakage(posteriors, facts, playstyles.assignment, seed=seed)
     names = {"start_r2": told.from_sample.r2, "start_r2_from_mean": told.from_mean.r2}
     nats = {"start_nats": told.from_sample.nats, "start_nats_from_mean": told.from_mean.nats}
-    return {"active_units": len(playstyles.active), "leakage": {**names, **nats}}
+    return {**held, "leakage": {**names, **nats}}
 
 
 def styles_table(

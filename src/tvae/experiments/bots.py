@@ -87,17 +87,23 @@ def try_bots(
             outcomes = knowledge.success(episodes)
             reached = outcomes.get(name, outcomes.get("all"))
             if reached is not None:
-                interval = binomtest(int(reached.sum()), len(reached)).proportion_ci(method="wilson")
                 found.setdefault(f"success{suffix}", {})[name] = float(reached.mean())
-                intervals.setdefault(f"success{suffix}", {})[name] = [float(interval.low), float(interval.high)]
+                intervals.setdefault(f"success{suffix}", {})[name] = _wilson(float(reached.mean()), len(reached))
             if choice is most_likely:
                 continue
             save_demonstrations(episodes, run.rollouts(style.index), overwrite=True)
             kept = style_consistency(model, findings.playstyles, style, episodes)
             found.setdefault("style_consistency", {})[name] = kept
+            intervals.setdefault("style_consistency", {})[name] = _wilson(kept, len(episodes))
             returns = np.add.reduceat(episodes.steps["reward"], episodes.action_starts)
             measures = {**knowledge.measures(episodes), "episode_length": episodes.lengths, "return": returns}
             for measure, values in measures.items():
                 found.setdefault(measure, {})[name] = float(np.mean(values))
                 intervals.setdefault(measure, {})[name] = list(mean_interval(np.asarray(values, dtype=np.float64)))
     return update_metrics(run, {**found, "ci95": intervals, "test_episodes": arena.episodes})
+
+
+def _wilson(share: float, count: int) -> list[float]:
+    """The 95 % interval of a share of `count` episodes."""
+    interval = binomtest(round(share * count), count).proportion_ci(method="wilson")
+    return [float(interval.low), float(interval.high)]

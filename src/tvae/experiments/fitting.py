@@ -14,6 +14,7 @@ from rich.console import Console
 
 import tvae
 from tvae.config import RunConfig
+from tvae.data.batches import suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import watching
@@ -90,9 +91,11 @@ def fit_run(
         console.print(f"Warning: {sentence}", style="yellow", markup=False)
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
+    parts = split(demonstrations, config)
+    batch_size = config.training.batch_size or suitable_batch_size(parts[0].lengths)
     terms = {
-        name: asdict(evaluate(model, part, seed=config.seed))
-        for name, part in zip(("training", "held_out"), split(demonstrations, config), strict=True)
+        name: asdict(evaluate(model, part, batch_size=batch_size, seed=config.seed))
+        for name, part in zip(("training", "held_out"), parts, strict=True)
     }
     update_metrics(
         run,

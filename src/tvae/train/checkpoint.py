@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from tvae.errors import TvaeError
 from tvae.files import appearing
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 class CheckpointError(TvaeError):

@@ -72,7 +72,8 @@ def train(
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
     the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of
     all lengths among which to choose, a random one in each step, and afterwards on windows of the chosen length. These
-    too are cut, so that the policy often begins without a past: there it has z alone to go by, and z learns the more.
+    too are cut, so that the policy often begins without a past: there it has z and the present state alone to go by,
+    and z learns the more.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and

@@ -25,7 +25,7 @@ from tvae.experiments.fitting import trained
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
 from tvae.experiments.run_directory import read_json, write_json
-from tvae.model.tvae import TrajectoryVAE
+from tvae.model.tvae import SCHEMA_VERSION, TrajectoryVAE
 from tvae.train.loop import Observer, TrainingWarning
 
 
@@ -102,9 +102,13 @@ class Cell:
         return self.metrics.exists()
 
     def is_finished(self) -> bool:
-        """Whether its numbers, its model and its styles are there."""
-        return self.is_measured() and all(
-            (self.directory / name).exists() for name in ("model.safetensors", "findings.json")
+        """Whether its numbers, its model, which this version can read, and its styles are there."""
+        config = self.directory / "config.json"
+        return (
+            self.is_measured()
+            and all((self.directory / name).exists() for name in ("model.safetensors", "findings.json"))
+            and config.exists()
+            and read_json(config).get("schema_version") == SCHEMA_VERSION
         )
 
     def run(self, device: str) -> None:

@@ -121,7 +121,7 @@ def draw(subject: Subject) -> list[Picture]:
 
 
 def _third(subject: Subject) -> Picture:
-    grid = latent_grid(subject)
+    grid = latent_grid(subject.posteriors.means)
     flat = grid.reshape(-1, 2)
     starts = np.zeros((len(flat), 2))
     thought = paths(imagine(subject.model, starts, flat, num_steps=NUM_STEPS, choice=most_likely, seed=subject.seed))
@@ -142,15 +142,15 @@ def _third(subject: Subject) -> Picture:
 
 
 def _goals_on_grid(subject: Subject) -> int:
-    flat = latent_grid(subject).reshape(-1, 2)
+    flat = latent_grid(subject.posteriors.means).reshape(-1, 2)
     done = paths(acted(subject.model, ENV, flat, choice=most_likely, seed=WORLDS + subject.seed))
     return len(set(goal_reached(done).tolist()) - {-1})
 
 
-def latent_grid(subject: Subject) -> FloatArray:
+def latent_grid(means: FloatArray) -> FloatArray:
     """(4, 4, 2) latents: an even grid on the unit square, through the inverse distribution function of each dimension
-    of the posterior means of the test set (as Kingma and Welling 2014, arXiv 1312.6114, draw theirs)."""
-    across, up = np.quantile(subject.posteriors.means, (np.arange(4) + 0.5) / 4, axis=0).T
+    of these posterior means (E, 2) (as Kingma and Welling 2014, arXiv 1312.6114, draw theirs)."""
+    across, up = np.quantile(means, (np.arange(4) + 0.5) / 4, axis=0).T
     return np.stack(np.meshgrid(across, up[::-1]), axis=2)
 
 

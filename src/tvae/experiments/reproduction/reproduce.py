@@ -16,7 +16,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from tvae.experiments.progress import counting
-from tvae.experiments.reproduction.cells import Cell, Effort
+from tvae.experiments.reproduction.cells import Cell, CellError, Effort
 from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.summary import summary, write_table
@@ -119,9 +119,7 @@ def _make(cell: Cell, device: str, force: bool) -> None:
 def finish(plan: Plan, task: str, *, console: Console) -> None:
     """The results of a task from its cells."""
     study = STUDIES[task]
-    measured = [
-        preset for preset in ABLATIONS[task] if all(cell.is_measured() for cell in plan.cells(task, preset))
-    ]
+    measured = [preset for preset in ABLATIONS[task] if _is_there(plan.cells(task, preset))]
     runs: dict[str, list[dict[str, Any]]] = {
         preset: [cell.read() for cell in plan.cells(task, preset)]
         for preset in [*PRESETS[task], *BESIDE[task], *measured]
@@ -146,4 +144,13 @@ def finish(plan: Plan, task: str, *, console: Console) -> None:
     if measured:
         table = {name: summaries[name] for name in ["default", *measured]}
         write_json(home / "ablations.json", table)
-        write_table(table, f"{study.title}: one thing changed at a time", plan.command, home / "ablations.md")
+        command = plan.command if plan.ablations else f"{plan.command} --ablations"
+        write_table(table, f"{study.title}: one thing changed at a time", command, home / "ablations.md")
+
+
+def _is_there(cells: Sequence[Cell]) -> bool:
+    """Whether all of these are measured, and are what is asked for now."""
+    try:
+        return all(cell.is_measured() for cell in cells)
+    except CellError:
+        return False

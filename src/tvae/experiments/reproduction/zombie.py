@@ -104,7 +104,7 @@ def measure_briefly(subject: Subject) -> dict[str, Any]:
     decoder walks it, from the same start and z, both most likely. `leakage_r2`, `leakage_nats`: of the zombie's start,
     from a sample of z, within the style that tells most; `..._from_mean` from the posterior mean. `active_units`:
     features of z that tell episodes apart. `style_consistency`: share of a bot's episodes that the encoder tells as
-    its style.
+    its style; 0 where no style bears the label.
     """
     return {
         **measure_bots(subject),
