@@ -189,11 +189,10 @@ def test_a_style_is_kept_where_what_was_done_is_told_as_it(monkeypatch: pytest.M
     assert kept == {True: 0.25, False: 0.75}
 
 
-def test_the_grid_of_figure_3_lies_at_quantiles():
-    means = np.stack([np.linspace(0, 1, 101), np.linspace(10, 0, 101)], axis=1)
-    grid = navigation.latent_grid(means)
-    np.testing.assert_allclose(grid[0, :, 0], [0.125, 0.375, 0.625, 0.875])
-    np.testing.assert_allclose(grid[:, 0, 1], [8.75, 6.25, 3.75, 1.25])
+def test_the_grid_of_figure_3_goes_from_style_to_style():
+    grid = navigation.latent_grid(np.array([[0.0, 4.0], [2.0, 0.0], [1.0, 1.0]]))
+    np.testing.assert_allclose(grid[0, :, 0], [0, 0.5, 1, 1.5, 2])
+    np.testing.assert_allclose(grid[:, 0, 1], [4, 3, 2, 1, 0])
 
 
 def test_over_seeds_gives_students_interval_and_leaves_out_what_is_no_number():

@@ -28,6 +28,7 @@ REACHED = 13.0
 """Distance from a goal within which 95 % of the demonstrators end."""
 _LANDMARKS = [Landmark("goals (one standard deviation)", x, y, GOAL_JITTER) for x, y in GOALS.tolist()]
 _SHOWN = 60
+_SIDE = 5
 
 
 def demonstrations(seed: int) -> Demonstrations:
@@ -121,7 +122,7 @@ def draw(subject: Subject) -> list[Picture]:
 
 
 def _third(subject: Subject) -> Picture:
-    grid = latent_grid(subject.posteriors.means)
+    grid = _grid(subject)
     flat = grid.reshape(-1, 2)
     starts = np.zeros((len(flat), 2))
     thought = paths(imagine(subject.model, starts, flat, num_steps=NUM_STEPS, choice=most_likely, seed=subject.seed))
@@ -142,16 +143,23 @@ def _third(subject: Subject) -> Picture:
 
 
 def _goals_on_grid(subject: Subject) -> int:
-    flat = latent_grid(subject.posteriors.means).reshape(-1, 2)
+    flat = _grid(subject).reshape(-1, 2)
     done = paths(acted(subject.model, ENV, flat, choice=most_likely, seed=WORLDS + subject.seed))
     return len(set(goal_reached(done).tolist()) - {-1})
 
 
-def latent_grid(means: FloatArray) -> FloatArray:
-    """(4, 4, 2) latents: an even grid on the unit square, through the inverse distribution function of each dimension
-    of these posterior means (E, 2) (as Kingma and Welling 2014, arXiv 1312.6114, draw theirs)."""
-    across, up = np.quantile(means, (np.arange(4) + 0.5) / 4, axis=0).T
+def latent_grid(ends: FloatArray) -> FloatArray:
+    """(5, 5, 2) latents, evenly from the least to the largest of `ends` (K, 2) in each dimension.
+
+    Five a side, so that the middle one of three styles in a row lies on the grid, and what is between them too.
+    """
+    across, up = np.linspace(ends.min(0), ends.max(0), _SIDE).T
     return np.stack(np.meshgrid(across, up[::-1]), axis=2)
+
+
+def _grid(subject: Subject) -> FloatArray:
+    styles = subject.playstyles.styles
+    return latent_grid(np.stack([style.mean for style in styles]) if len(styles) > 1 else subject.posteriors.means)
 
 
 def goal_reached(places: list[FloatArray]) -> IntArray:
