@@ -20,7 +20,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 TAGGED = re.compile(r"(<!--(\S+) (\S+) (%|\d)(m?)-->)[^<]*(<!---->)")
-LIKE_A_TAG = re.compile(r"<!--[^>]")
+LIKE_A_TAG = re.compile(r"<!--(?!-->)")
 
 
 @cache
