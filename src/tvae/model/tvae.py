@@ -27,11 +27,10 @@ from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.events import Events
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.model.perception import NoPerception, Perception
+from tvae.model.schema import SCHEMA_VERSION, check_version
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
 from tvae.spaces import Space
-
-SCHEMA_VERSION = 4
 
 
 class TrajectoryVAE(nn.Module):
@@ -262,7 +261,7 @@ class TrajectoryVAE(nn.Module):
             description = json.loads((directory / "config.json").read_text(encoding="utf-8"))
         except ValueError as error:
             raise ModelError(f"{directory / 'config.json'} is not whole JSON: {error}") from error
-        _check_version(description, directory / "config.json")
+        check_version(description, directory / "config.json")
         try:
             model = cls(
                 Space.from_json(description["observation_space"]),
@@ -295,15 +294,3 @@ class TrajectoryVAE(nn.Module):
         3
         """
         return cls.load(pretrained_directory(name))
-
-
-def _check_version(description: Any, path: Path) -> None:
-    if not isinstance(description, dict) or description.get("format") != "tvae-model":
-        raise ModelError(f"{path} does not describe a tvae model")
-    version = description.get("schema_version")
-    if version != SCHEMA_VERSION:
-        age = "a newer" if isinstance(version, int) and version > SCHEMA_VERSION else "an older"
-        raise ModelError(
-            f"{path} has schema version {version}, this tvae reads version {SCHEMA_VERSION}: "
-            f"it was written by {age} release; install that one, or fit the model again"
-        )

@@ -25,7 +25,8 @@ from tvae.experiments.fitting import trained
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
 from tvae.experiments.run_directory import read_json, write_json
-from tvae.model.tvae import SCHEMA_VERSION, TrajectoryVAE
+from tvae.model.schema import SCHEMA_VERSION
+from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, TrainingWarning
 
 
