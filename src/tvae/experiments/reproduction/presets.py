@@ -19,8 +19,9 @@ EVIDENCE = ((0.0, 1.0),)
 _DEFAULT = RunConfig()
 _NAVIGATION = replace(_DEFAULT, training=replace(_DEFAULT.training, kl_points=EVIDENCE, num_steps=6_000))
 """z is to hold where the goal of each trajectory was, which is more than a style and takes longer to learn."""
-_CIRCLE = replace(_DEFAULT, model=replace(_DEFAULT.model, stop=False))
-"""Demonstrators go around once, and who has gone around may go on: the end of an episode means nothing."""
+_CIRCLE = replace(_DEFAULT, model=replace(_DEFAULT.model, stop=False, action_components=1))
+"""Demonstrators go around once, and who has gone around may go on: the end of an episode means nothing. There is one
+way to walk a circle; a second law learns little but rare turns that lead off it."""
 
 
 def _as_the_paper(batch_size: int) -> RunConfig:
