@@ -14,8 +14,8 @@ from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.distributions import Columns, Joint, Mixture
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import EventMemory, Fixed, most_likely, sampled
 from tvae.generate.open_loop import imagine
+from tvae.model.decoding import EventMemory, Fixed, most_likely, sampled
 from tvae.model.elbo import log_likelihood
 from tvae.model.events import SURE, Events
 from tvae.model.tvae import TrajectoryVAE

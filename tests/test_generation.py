@@ -16,9 +16,9 @@ import tvae
 from toys import ACTIONS, OBSERVATIONS, noise, rows, untrained
 from tvae.data.trajectory import DataError
 from tvae.generate.closed_loop import Agent, LatentPolicy
-from tvae.generate.decoding import Fixed, Recurrence, most_likely, sampled
 from tvae.generate.open_loop import imagine
 from tvae.gymnasium_spaces import flatten, spaces_of
+from tvae.model.decoding import Fixed, Recurrence, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import SpaceMismatchError, as_vector, check_spaces, rollout
 from tvae.spaces import Continuous, Space

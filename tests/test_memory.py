@@ -10,7 +10,7 @@ from toys import noise, untrained
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
-from tvae.generate.decoding import EventMemory, Recurrence, most_likely
+from tvae.model.decoding import EventMemory, Recurrence, most_likely
 from tvae.model.elbo import log_likelihood
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import rolling

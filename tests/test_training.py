@@ -23,8 +23,9 @@ from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut, whole
 from tvae.train.checkpoint import CheckpointError, Record, Terms
+from tvae.train.diagnosis import TrainingWarning
 from tvae.train.fitting import fit, new_model
-from tvae.train.loop import Observer, TrainingError, TrainingWarning, evaluate, train
+from tvae.train.loop import Observer, TrainingError, evaluate, train
 from tvae.train.schedules import RAISED, Budget, Constant, KLSchedule, Piecewise
 
 QUICK = {"num_steps": 60, "batch_size": 8, "evaluate_every": 10, "learning_rate": 5e-3}

@@ -61,6 +61,12 @@ class TrainingConfig:
     """The least past states that a bot is to see, where fewer would do."""
     kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.4, 1.0), (0.5, 1.5))
     """Weight of the KL term: straight lines between (progress, weight)."""
+    kl_budget: float | None = None
+    """Nats that z may hold: the weight of the KL term is steered towards it, in place of `kl_points`."""
+    start_independence: float = 0.0
+    """Price of each nat that z tells of an episode's first state, beside that of the KL term."""
+    swapped_start: float = 0.0
+    """Weight of telling z again from what its bot does, as imagined, from another episode's start."""
     evaluate_every: int = 100
     """Steps between evaluations on held-out demonstrations, which are also when a checkpoint is written."""
     patience: int = 10

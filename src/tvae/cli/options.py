@@ -11,8 +11,8 @@ from rich.console import Console
 
 from tvae.config import ModelConfig, TrainingConfig
 from tvae.experiments.source import Source
-from tvae.generate.decoding import Choice, sampled
-from tvae.generate.decoding import most_likely as _most_likely
+from tvae.model.decoding import Choice, sampled
+from tvae.model.decoding import most_likely as _most_likely
 
 CONSOLE = Console()
 MODEL = ModelConfig()

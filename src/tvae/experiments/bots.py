@@ -21,7 +21,7 @@ from tvae.experiments.fitting import update_metrics
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import Choice, LatentSource, most_likely, sampled
+from tvae.model.decoding import Choice, LatentSource, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import check_spaces, rollout
 

@@ -13,7 +13,7 @@ import torch
 from rich.console import Console
 
 import tvae
-from tvae.config import RunConfig
+from tvae.config import RunConfig, TrainingConfig
 from tvae.data.batches import suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.experiments.arenas import Arena
@@ -22,9 +22,11 @@ from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read
 from tvae.experiments.source import Source
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
+from tvae.train.diagnosis import TrainingWarning
 from tvae.train.fitting import new_model
-from tvae.train.loop import Observer, TrainingWarning, evaluate, train
-from tvae.train.schedules import Piecewise
+from tvae.train.loop import Observer, evaluate, train
+from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
+from tvae.train.schedules import Budget, KLSchedule, Piecewise
 
 
 @dataclass(frozen=True)
@@ -121,13 +123,14 @@ def trained(
         model,
         training,
         held_out,
-        schedule=Piecewise(settings.kl_points),
+        schedule=schedule_of(settings),
         num_steps=settings.num_steps,
         batch_size=settings.batch_size,
         learning_rate=settings.learning_rate,
         clip=settings.clip,
         state_weight=settings.state_weight,
         shortest_window=settings.shortest_window,
+        penalties=penalties_of(settings),
         evaluate_every=settings.evaluate_every,
         patience=settings.patience,
         seed=config.seed,
@@ -135,6 +138,26 @@ def trained(
         observer=observer,
     )
     return model, records
+
+
+def schedule_of(settings: TrainingConfig) -> KLSchedule:
+    """The weight of the KL term; `ValueError` for a budget that is no positive number of nats, or points out of order.
+
+    >>> schedule_of(TrainingConfig(kl_budget=0.8))
+    Budget(nats=0.8, begin=0.3, rate=0.01, lowest=0.1, highest=100.0)
+    """
+    return Piecewise(settings.kl_points) if settings.kl_budget is None else Budget(settings.kl_budget)
+
+
+def penalties_of(settings: TrainingConfig) -> tuple[Penalty, ...]:
+    """Those whose weight is not 0; `ValueError` for a weight that is no number of at least 0.
+
+    >>> penalties_of(TrainingConfig(swapped_start=0.5))
+    (SwappedStart(weight=0.5),)
+    """
+    independence = (StartIndependence(settings.start_independence),) if settings.start_independence else ()
+    swapped = (SwappedStart(settings.swapped_start),) if settings.swapped_start else ()
+    return (*independence, *swapped)
 
 
 def history(run: RunDirectory) -> tuple[Record, ...]:

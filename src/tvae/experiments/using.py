@@ -20,8 +20,8 @@ from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import About, about_run
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
-from tvae.generate.decoding import Choice
 from tvae.generate.open_loop import imagine
+from tvae.model.decoding import Choice
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import IntArray
 

@@ -14,7 +14,8 @@ from gymnasium.vector import VectorEnv
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.device import seeded
-from tvae.generate.decoding import (
+from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
+from tvae.model.decoding import (
     Choice,
     EventMemory,
     Fixed,
@@ -25,7 +26,6 @@ from tvae.generate.decoding import (
     sampled,
     tensor_of,
 )
-from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import as_vector, check_spaces
 from tvae.rollouts import rollout as run_episodes

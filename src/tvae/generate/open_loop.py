@@ -6,14 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import torch
-from torch.distributions import Bernoulli
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.device import seeded
-from tvae.distributions import Columns, Joint
-from tvae.generate.decoding import Choice, EventMemory, Recurrence, latent_of, narrower, sampled, tensor_of
 from tvae.gymnasium_spaces import wrap
+from tvae.model.decoding import Choice, latent_of, sampled, tensor_of
+from tvae.model.imagination import Imagination
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray
 
@@ -42,36 +41,21 @@ def imagine(
     """
     if num_steps < 1:
         raise ValueError(f"num_steps must be at least 1, got {num_steps}")
-    normalizer, states, policy = model.observation_normalizer, model.state_decoder, model.policy_decoder
+    normalizer = model.observation_normalizer
     latent = latent_of(model, z, len(starts))
-    state_memory = Recurrence(states.trunk, latent, narrower(model.window, window))
-    policy_memory = Recurrence(
-        policy.trunk, latent, model.bot_window if window is None else narrower(model.window, window)
-    )
     values = normalizer.values(tensor_of(model, starts))
     observations, actions = [np.asarray(starts, dtype=np.float64)], []
     lengths = np.full(len(starts), num_steps, dtype=np.int64)
-    angular = model.observation_space.angular
     with seeded(seed, model.device):
-        events = EventMemory(model, latent, choice)
+        imagination = Imagination(model, latent, choice, window=window)
         for step in range(1, num_steps + 1):
-            features = normalizer.features(values)
-            inputs = model.policy_decoder_inputs(normalizer.raw(values), events.done)
-            law = events.law(policy.law(policy_memory.step(inputs)))
-            action = choice(law)
-            events.note(law, action)
-            actions.append(_rows(model.action_normalizer.raw(action)))
-            remembered = state_memory.step(model.state_decoder_inputs(features, action))
-            values = choice(states.head(remembered, values))
-            values[:, angular] = torch.remainder(values[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
-            if not values.isfinite().all():
-                raise ValueError(f"imagined states grow beyond all numbers at step {step}; imagine fewer steps")
+            imagined = imagination.step(values)
+            values = imagined.following
+            actions.append(_rows(model.action_normalizer.raw(imagined.actions)))
             observations.append(_rows(normalizer.raw(values)))
-            if model.stop:
-                ends = _rows(choice(_stop_law(states.stop(remembered))))[:, 0] > 0
-                lengths = np.minimum(lengths, np.where(ends, step, num_steps))
-                if (lengths <= step).all():
-                    break
+            lengths = np.minimum(lengths, np.where(imagined.ends.cpu().numpy(), step, num_steps))
+            if (lengths <= step).all():
+                break
     actions_, observations_ = np.stack(actions, 1), np.stack(observations, 1)
     actions_[..., model.action_space.angular] = wrap(actions_[..., model.action_space.angular])
 
@@ -84,8 +68,3 @@ def imagine(
 
 def _rows(values: torch.Tensor) -> FloatArray:
     return values.double().cpu().numpy()
-
-
-def _stop_law(log_odds: torch.Tensor) -> Joint:
-    column = torch.zeros(1, dtype=torch.int64, device=log_odds.device)
-    return Joint(1, (Columns(column, Bernoulli(logits=log_odds, validate_args=False)),))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.distributions import Normal
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from tvae.data.batches import TrajectoryBatch
@@ -26,7 +27,7 @@ from tvae.model.windows import Windows
 
 @dataclass(frozen=True, eq=False)
 class Elbo:
-    """The terms for each of B trajectories, in nats."""
+    """The terms for each of B trajectories, in nats, and the latent at which they were estimated."""
 
     policy: Float[Tensor, " B"]
     """sum_t log pi(a_t | s_1:t, z), and log p(E | z) of the model's events (`tvae.model.events`)"""
@@ -36,6 +37,10 @@ class Elbo:
     """sum_t log p(end_t | s_1:t, z); 0 for a model without the stop term"""
     kl: Float[Tensor, " B"]
     """KL(q(z | tau) || p(z))"""
+    posterior: Normal
+    """q(z | tau), batch shape (B, Z)"""
+    z: Float[Tensor, "B Z"]
+    """The draw from it at which the terms were estimated"""
 
     def value(self, beta: float = 1.0, state_weight: float = 1.0) -> Float[Tensor, " B"]:
         """The bound, with the divergence weighted by `beta` and the state term by `state_weight`."""
@@ -98,4 +103,6 @@ def elbo(model: TrajectoryVAE, batch: TrajectoryBatch, *, policy: Windows, state
         policy_log_likelihood(model, batch, z, policy),
         *state_log_likelihood(model, batch, z, state),
         model.prior.kl(posterior, z),
+        posterior,
+        z,
     )

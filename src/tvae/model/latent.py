@@ -1,6 +1,7 @@
 """Priors p(z) and the posterior's divergence from them.
 
-A prior is an object with `kl`, `log_prob` and `sample`:
+A prior is an object with `kl`, `log_prob`, `sample`, and `component`, the one of its Gaussians that a z most likely
+belongs to:
 
 - `StandardNormal`: N(0, I), the paper's; the divergence is exact;
 - `GaussianMixture`: sum_k w_k N(m_k, diag s_k^2) with learned w, m, s; the divergence is estimated at the sample
@@ -13,7 +14,7 @@ import math
 from abc import ABC, abstractmethod
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal, kl_divergence
 
@@ -36,6 +37,10 @@ class Prior(nn.Module, ABC):
     @abstractmethod
     def kl(self, posterior: Normal, z: Float[Tensor, "B Z"]) -> Float[Tensor, " B"]:
         """KL(q(z | tau) || p(z)) of each trajectory, in nats; `z` is a draw from the posterior."""
+
+    @abstractmethod
+    def component(self, z: Float[Tensor, "*batch Z"]) -> Int[Tensor, "*batch"]:
+        """argmax_k p(k | z) of the Gaussian, counted from 0, that each z most likely belongs to."""
 
 
 class StandardNormal(Prior):
@@ -61,6 +66,9 @@ class StandardNormal(Prior):
     def kl(self, posterior: Normal, z: Float[Tensor, "B Z"]) -> Float[Tensor, " B"]:
         unit = Normal(torch.zeros_like(posterior.mean), torch.ones_like(posterior.mean), validate_args=False)
         return kl_divergence(posterior, unit).sum(-1)
+
+    def component(self, z: Float[Tensor, "*batch Z"]) -> Int[Tensor, "*batch"]:
+        return torch.zeros(z.shape[:-1], dtype=torch.int64, device=z.device)
 
 
 class GaussianMixture(Prior):
@@ -92,3 +100,8 @@ class GaussianMixture(Prior):
 
     def kl(self, posterior: Normal, z: Float[Tensor, "B Z"]) -> Float[Tensor, " B"]:
         return posterior.log_prob(z).sum(-1) - self.log_prob(z)
+
+    def component(self, z: Float[Tensor, "*batch Z"]) -> Int[Tensor, "*batch"]:
+        law = self._law()
+        joint = law.mixture_distribution.logits + law.component_distribution.log_prob(z.unsqueeze(-2))
+        return joint.argmax(-1)

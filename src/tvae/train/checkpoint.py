@@ -112,8 +112,11 @@ def read_checkpoint(
             f"got {metadata.get('format')!r}, version {metadata.get('version')!r}"
         )
     theirs = json.loads(metadata["settings"])
+    ours = {name: str(value) for name, value in settings.items()}
     differences = [
-        f"{name} {theirs.get(name)} (now {mine})" for name, mine in settings.items() if theirs.get(name) != str(mine)
+        f"{name} {theirs.get(name)} (now {ours.get(name)})"
+        for name in dict.fromkeys([*ours, *theirs])
+        if theirs.get(name) != ours.get(name)
     ]
     if differences:
         raise CheckpointError(

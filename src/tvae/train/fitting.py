@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device, seeded
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
+from tvae.train.penalties import Penalty
 from tvae.train.schedules import RAISED, KLSchedule
 
 
@@ -36,6 +38,7 @@ def fit(
     clip: float = 1.0,
     state_weight: float = 1.0,
     shortest_window: int = 1,
+    penalties: Sequence[Penalty] = (),
     evaluate_every: int = 100,
     patience: int = 10,
     held_out: float = 0.1,
@@ -79,6 +82,7 @@ def fit(
         clip=clip,
         state_weight=state_weight,
         shortest_window=shortest_window,
+        penalties=penalties,
         evaluate_every=evaluate_every,
         patience=patience,
         seed=seed,

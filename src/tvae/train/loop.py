@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,16 +19,13 @@ from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut, whole
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
+from tvae.train.diagnosis import diagnose
 from tvae.train.memory import candidates, shortest_sufficient_window
+from tvae.train.penalties import Penalty
 from tvae.train.schedules import KLSchedule
 
-COLLAPSED_NATS = 0.05
 _WINDOW_CHOSEN = 0.6
 """Share of the training after which the policy's window is chosen."""
-
-
-class TrainingWarning(UserWarning):
-    """Training ended, but something about it needs the user's eye; the message says what to do."""
 
 
 class TrainingError(TvaeError):
@@ -56,6 +52,7 @@ def train(
     clip: float = 1.0,
     state_weight: float = 1.0,
     shortest_window: int = 1,
+    penalties: Sequence[Penalty] = (),
     evaluate_every: int = 200,
     patience: int = 10,
     seed: int = 0,
@@ -75,6 +72,8 @@ def train(
     too are cut, so that the policy often begins without a past: there it has z and the present state alone to go by,
     and z learns the more.
 
+    Each of `penalties` (`tvae.train.penalties`) is taken off the bound of a step. None counts where weights are judged.
+
     Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
     training ends early when `patience` evaluations have not improved on it. The state term has the weight
@@ -84,8 +83,8 @@ def train(
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
 
-    Warns with `TrainingWarning` where the latent has collapsed or nothing was learnt. Raises `TrainingError` where
-    a gradient is not finite, and `CheckpointError` for a checkpoint of something else.
+    Warns with `TrainingWarning` (`tvae.train.diagnosis`) where the latent has collapsed or nothing was learnt. Raises
+    `TrainingError` where a gradient is not finite, and `CheckpointError` for a checkpoint of something else.
     """
     if batch_size is None:
         batch_size = suitable_batch_size(demonstrations.lengths)
@@ -107,6 +106,7 @@ def train(
         learning_rate,
         clip,
         state_weight,
+        tuple(penalties),
         chosen,
         candidates(model.window, shortest_window),
         seed,
@@ -125,6 +125,8 @@ def train(
         "demonstrations": _size(demonstrations),
         "held-out demonstrations": _size(held_out),
     }
+    if penalties:
+        settings["penalties"] = tuple(penalties)
     with seeded(seed, model.device):
         if checkpoint is not None and checkpoint.exists():
             progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
@@ -155,7 +157,7 @@ def train(
                 )
     model.load_state_dict(best)
     model.eval()
-    _diagnose(model, progress, state_weight)
+    diagnose(model, progress, state_weight)
     return progress.records
 
 
@@ -172,6 +174,7 @@ class _Steps:
     learning_rate: float
     clip: float
     state_weight: float
+    penalties: tuple[Penalty, ...]
     chosen: float
     """The step after which the policy's window is chosen."""
     windows: tuple[int | None, ...]
@@ -194,8 +197,11 @@ class _Steps:
             batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
             policy = _any_of(self.windows, batch) if step < self.chosen else _cut(batch, model.bot_window)
             terms = elbo(model, batch, policy=policy, state=_cut(batch, model.window))
+            value = terms.value(beta, self.state_weight)
+            for penalty in self.penalties:
+                value = value - penalty(model, batch, terms.posterior, terms.z)
             self.optimizer.zero_grad()
-            (-per_step * terms.value(beta, self.state_weight).mean()).backward()
+            (-per_step * value.mean()).backward()
             norms = [nn.utils.clip_grad_norm_(part.parameters(), self.clip) for part in parts]
             history.append(_mean(terms))
             if not torch.stack(norms).isfinite().all():
@@ -264,25 +270,3 @@ def _judge(progress: Progress, record: Record, last_kl: float, settled: float, s
         stale=0 if improved else progress.stale + 1,
         records=(*progress.records, record),
     )
-
-
-def _diagnose(model: TrajectoryVAE, progress: Progress, state_weight: float) -> None:
-    """Warn in words where a training ended in one of the known ways to fail."""
-    first, kept = progress.records[0].held_out, progress.best.held_out
-    if model.latent_features and kept.kl < COLLAPSED_NATS:
-        warnings.warn(
-            f"the latent has collapsed: it holds {kept.kl:.3f} nats of a held-out trajectory, so no style can be "
-            "told from it. Lower the weight of the KL term, give the decoders a shorter window, or give them more "
-            "dropout, so that they need z. If there is one style only, this is the truth.",
-            TrainingWarning,
-            stacklevel=3,
-        )
-    before, after = (terms.policy + state_weight * terms.state for terms in (first, kept))
-    if after <= before:
-        warnings.warn(
-            "nothing was learnt: held-out likelihood is no better than before training "
-            f"({after:.1f} against {before:.1f} nats a trajectory). Check that "
-            "actions depend on observations, train for more steps, or lower the learning rate.",
-            TrainingWarning,
-            stacklevel=3,
-        )

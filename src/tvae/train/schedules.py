@@ -89,7 +89,7 @@ class Budget:
     highest: float = 100.0
 
     def __post_init__(self) -> None:
-        if self.nats <= 0:
+        if not 0 < self.nats < math.inf:
             raise ValueError(f"a budget needs more than 0 nats, got {self.nats}")
 
     @property

@@ -27,7 +27,8 @@ from tvae.experiments.reproduction.subject import Subject
 from tvae.experiments.run_directory import read_json, write_json
 from tvae.model.schema import SCHEMA_VERSION
 from tvae.model.tvae import TrajectoryVAE
-from tvae.train.loop import Observer, TrainingWarning
+from tvae.train.diagnosis import TrainingWarning
+from tvae.train.loop import Observer
 
 
 class CellError(TvaeError):
@@ -93,7 +94,7 @@ class Cell:
             there = self.read()["cell"]
         else:
             return False
-        asked = _plain(self.asked)
+        there, asked = _as_now(there), _plain(self.asked)
         if there != asked:
             differing = sorted(name for name in {*there, *asked} if there.get(name) != asked.get(name))
             raise CellError(
@@ -192,6 +193,15 @@ def commit() -> str:
 
 def _versions() -> dict[str, str]:
     return {"tvae": tvae.__version__, "torch": torch.__version__}
+
+
+def _as_now(asked: dict[str, Any]) -> dict[str, Any]:
+    """What a cell was asked, where a setting that was not there yet has its default."""
+    try:
+        config = RunConfig.from_json(asked)
+    except (KeyError, TypeError, ValueError):
+        return asked
+    return {**asked, **_plain(config.to_json())}
 
 
 def _plain(data: Any) -> Any:

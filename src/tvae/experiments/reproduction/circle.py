@@ -13,8 +13,8 @@ from tvae.experiments.arenas import Arena
 from tvae.experiments.reproduction.numbers import Picture, path_table, point_table, stacked
 from tvae.experiments.reproduction.subject import TEST, WORLDS, Subject, acted, first_observations, paths
 from tvae.figures.reconstructions import reconstructions
-from tvae.generate.decoding import most_likely, sampled
 from tvae.generate.open_loop import imagine
+from tvae.model.decoding import most_likely, sampled
 from tvae.spaces import FloatArray, IntArray
 
 ENV = "tvae/Circle-v0"

@@ -16,8 +16,8 @@ from tvae.experiments.reproduction.subject import TEST, WORLDS, Subject, acted, 
 from tvae.figures.interpolation import interpolation
 from tvae.figures.panels import Landmark
 from tvae.figures.reconstructions import reconstructions
-from tvae.generate.decoding import most_likely, sampled
 from tvae.generate.open_loop import imagine
+from tvae.model.decoding import most_likely, sampled
 from tvae.spaces import FloatArray, IntArray
 
 ENV = "tvae/Navigation-v0"

@@ -59,6 +59,21 @@ BESIDE: Mapping[str, Mapping[str, RunConfig]] = {
 }
 """What a figure shows beside them: behavioural cloning (errors by horizon)."""
 
+REMEDIES: Mapping[str, Mapping[str, float]] = {
+    "budget": {"kl_budget": 0.8},
+    "start_independence": {"start_independence": 10.0},
+    "swapped_start": {"swapped_start": 1.0},
+}
+"""Remedies on the latent's side, as changes of the training (`tvae.train.schedules`, `tvae.train.penalties`)."""
+
+_PLAIN = replace(_DEFAULT, model=replace(_DEFAULT.model, reactive=False, events=False))
+"""Our default without what keeps the world out of z on the decoders' side."""
+
+
+def _with(config: RunConfig, changes: Mapping[str, float]) -> RunConfig:
+    return replace(config, training=replace(config.training, **changes))
+
+
 FEWER: Mapping[str, int] = {"demonstrations_100": 100, "demonstrations_300": 300, "demonstrations_1000": 1000}
 """Presets of the zombie task that are our default with fewer demonstrations than 2,000."""
 
@@ -77,8 +92,12 @@ ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
         "one_law": replace(_DEFAULT, model=replace(_DEFAULT.model, action_components=1)),
         "one_gaussian_prior": replace(_DEFAULT, model=replace(_DEFAULT.model, prior_components=1)),
         "plain_decoders": replace(_DEFAULT, model=replace(_DEFAULT.model, reactive=False)),
+        **{name: _with(_DEFAULT, changes) for name, changes in REMEDIES.items()},
+        "plain": _PLAIN,
+        **{f"plain_{name}": _with(_PLAIN, changes) for name, changes in REMEDIES.items()},
         **dict.fromkeys(FEWER, _DEFAULT),
     },
 }
 """One thing changed in our default at a time (figure 8 shows `whole_episodes` too); the term of the end goes with the
-state decoder, which it reads."""
+state decoder, which it reads. `plain` changes two, `reactive` and `events`, and `plain_REMEDY` adds one remedy on the
+latent's side: can it do without those on the decoders' side?"""

@@ -16,7 +16,7 @@ from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes, vector_env
 from tvae.experiments.findings import Findings
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import Choice, LatentSource, sampled
+from tvae.model.decoding import Choice, LatentSource, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import rollout
 from tvae.spaces import FloatArray, IntArray

@@ -33,8 +33,8 @@ from tvae.experiments.reproduction.subject import (
 )
 from tvae.figures.outcomes import Outcomes
 from tvae.figures.zombie import zombie_paths
-from tvae.generate.decoding import Choice, Fixed, LatentSource, most_likely, sampled
 from tvae.generate.open_loop import imagine
+from tvae.model.decoding import Choice, Fixed, LatentSource, most_likely, sampled
 from tvae.rollouts import Policy, rollout
 from tvae.spaces import FloatArray
 

@@ -35,8 +35,8 @@ from tvae.figures.panels import Band
 from tvae.figures.scene import Scene, in_proportion
 from tvae.figures.windows import WindowedBot, windows
 from tvae.figures.zombie_reconstructions import zombie_reconstructions
-from tvae.generate.decoding import LatentSource, sampled
 from tvae.generate.open_loop import imagine
+from tvae.model.decoding import LatentSource, sampled
 from tvae.spaces import FloatArray
 
 _EXAMPLES = 3
