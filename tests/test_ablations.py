@@ -100,7 +100,8 @@ def test_a_configuration_from_before_an_argument_was_added_means_its_default():
     data = RunConfig().to_json()
     for name in ("encode_actions", "dynamics", "events"):
         del data["model"][name]
-    del data["training"]["state_weight"]
+    for name in ("state_weight", "kl_budget", "start_independence", "swapped_start"):
+        del data["training"][name]
     assert RunConfig.from_json(data) == RunConfig()
     chosen = RunConfig(ModelConfig(encode_actions=False, dynamics=True), TrainingConfig(state_weight=0.5))
     assert RunConfig.from_json(chosen.to_json()) == chosen

@@ -88,7 +88,23 @@ def test_each_ablation_changes_one_thing_of_the_default():
             for field in default[part]
             if config.to_json()[part][field] != default[part][field]
         }
-        assert len(changed - {"stop"}) == (name not in FEWER), name
+        if name.startswith("plain") and name != "plain_decoders":  # without remedies on the decoders' side
+            changed -= {"reactive", "events"}
+            assert len(changed) == (name != "plain"), name
+        else:
+            assert len(changed - {"stop"}) == (name not in FEWER), name
+
+
+def test_plain_decoders_have_each_remedy_on_the_latents_side_alone():
+    presets = ABLATIONS["zombie"]
+    for name, alone in (
+        ("budget", "plain_budget"),
+        ("start_independence", "plain_independence"),
+        ("swapped_start", "plain_swapped"),
+    ):
+        assert presets[alone].model == presets["plain"].model
+        assert not any((presets[alone].model.reactive, presets[alone].model.events))
+        assert presets[alone].training == presets[name].training != presets["plain"].training
 
 
 def test_every_preset_has_a_measure():

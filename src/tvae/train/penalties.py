@@ -141,10 +141,10 @@ def with_swapped_starts(model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[T
         if int(lengths.max()) <= step:
             break
     within = torch.arange(len(actions), device=lengths.device) < lengths[:, None]
-    rows = torch.stack(observations, dim=1) * torch.cat([within[:, :1], within], dim=1)[..., None]
+    rows = torch.stack(observations, dim=1)
     return TrajectoryBatch(
-        observations=rows[:, :-1],
-        next_observations=rows[:, 1:],
+        observations=rows[:, :-1] * within[..., None],
+        next_observations=rows[:, 1:] * within[..., None],
         actions=torch.stack(actions, dim=1) * within[..., None],
         lengths=lengths,
         next_known=within,
