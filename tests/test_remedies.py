@@ -14,9 +14,11 @@ from torch import Tensor, nn
 from torch.distributions import Normal
 
 from toys import noise, two_styles, untrained
+from tvae.cli import main
 from tvae.config import RunConfig, TrainingConfig
 from tvae.data.batches import TrajectoryBatch, batch_of
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.sources import save_demonstrations
 from tvae.device import seeded
 from tvae.experiments import fitting
 from tvae.experiments.fitting import penalties_of, schedule_of
@@ -445,6 +447,25 @@ def test_impossible_remedies_of_a_configuration_are_refused(name: str, weight: f
 def test_impossible_budgets_are_refused(nats: float):
     with pytest.raises(ValueError, match=f"a budget needs more than 0 nats, got {nats}"):
         schedule_of(TrainingConfig(kl_budget=nats))
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("--training.start-independence", "StartIndependence needs a weight of at least 0, got -1.0"),
+        ("--training.swapped-start", "SwappedStart needs a weight of at least 0, got -1.0"),
+        ("--training.kl-budget", "a budget needs more than 0 nats, got -1.0"),
+    ],
+)
+def test_the_command_line_refuses_them_before_anything_is_made(
+    option: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    save_demonstrations(two_styles(10), tmp_path / "walks.csv")
+    with pytest.raises(SystemExit) as status:
+        main(["fit", str(tmp_path / "walks.csv"), "--out", str(tmp_path / "run"), f"{option}=-1"])
+    assert status.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_run_is_trained_with_the_remedies_of_its_configuration(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

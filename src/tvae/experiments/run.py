@@ -13,10 +13,11 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import summarise
 from tvae.device import resolve_device
+from tvae.errors import TvaeError
 from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import try_bots
-from tvae.experiments.fitting import About, about_run, begin, fit_run, split
+from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
 from tvae.experiments.recipe import Recipe
 from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import RunDirectory
@@ -71,6 +72,11 @@ def resumed_run(out: Path) -> Begun:
 def _check(demonstrations: Demonstrations, config: RunConfig, device: str) -> None:
     resolve_device(device)
     split(demonstrations, config)
+    try:
+        schedule_of(config.training)
+        penalties_of(config.training)
+    except ValueError as error:
+        raise TvaeError(f"this training cannot be: {error}") from error
 
 
 def complete(begun: Begun, *, device: str, console: Console) -> None:
