@@ -53,6 +53,12 @@ _VERBS = (
     (app, "evaluate", "Measure a run: likelihood, styles, bots.", "tvae evaluate runs/zombie --episodes 1000"),
     (
         app,
+        "export",
+        "Write a model as ONNX, with all that an engine needs to know.",
+        "tvae export runs/zombie --out exports/zombie",
+    ),
+    (
+        app,
         "reproduce",
         "Reproduce the paper: its tasks, figures and numbers.",
         "tvae reproduce zombie --out results --seeds 5",

@@ -77,12 +77,17 @@ class Events(nn.Module):
         columns = torch.arange(self.num_events, device=z.device)
         return Joint(self.num_events, (Columns(columns, self._occurrence(z)),))
 
+    def probability(self, z: Float[Tensor, "B Z"]) -> Float[Tensor, "B N"]:
+        """p(E = 1 | z) of each event."""
+        probability: Tensor = self._occurrence(z).probs
+        return probability
+
     def log_prob(self, z: Float[Tensor, "B Z"], used: Bool[Tensor, "B N"]) -> Float[Tensor, " B"]:
         """log p(E | z), in nats."""
         return self._occurrence(z).log_prob(used.to(z.dtype)).sum(-1)
 
     def _occurrence(self, z: Tensor) -> Bernoulli:
-        log_odds = z.new_zeros(len(z), 0) if self.share is None else self.share.expand(len(z), -1)
+        log_odds = z.new_zeros(z.shape[0], 0) if self.share is None else self.share.expand(z.shape[0], -1)
         if self.by_style is not None:
             log_odds = log_odds + self.by_style(z)
         return Bernoulli(logits=log_odds, validate_args=False)

@@ -1,0 +1,31 @@
+"""`tvae export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tvae.cli.options import CONSOLE, Force
+from tvae.experiments.exporting import export as export_model
+
+RunOrModel = Annotated[
+    str, Parameter(help="A run directory, a directory with a model, or the name of a model that comes with tvae.")
+]
+
+
+def export(run: RunOrModel, *, out: Path, force: Force = False) -> None:
+    """Write the encoder, the state decoder and a step of the policy as ONNX, with a manifest for programmers.
+
+    Each graph is compared with PyTorch before anything is written; nothing is where they differ.
+
+    Parameters
+    ----------
+    out
+        The directory to make.
+    """
+    written = export_model(run, out, force=force, console=CONSOLE)
+    for graph in written.files:
+        CONSOLE.print(f"{graph.graph.name}.onnx: differs from PyTorch by at most {graph.largest_difference:.1e}")
+    CONSOLE.print(f"what each number means and how to act: {written.directory / 'manifest.json'}")

@@ -1,0 +1,1 @@
+"""A model as ONNX, for game engines, browsers and anything else that has no PyTorch."""

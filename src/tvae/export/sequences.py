@@ -1,0 +1,118 @@
+"""The encoder and the state decoder, over whole sequences of any length."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from tvae.export.laws import choose, law_ports, law_tensors, noise_names
+from tvae.export.ports import BATCH, TIME, Graph, Port
+from tvae.model.tvae import TrajectoryVAE
+
+END = "end"
+
+
+def _sequence(name: str, columns: int, meaning: str) -> Port:
+    return Port(name, (BATCH, TIME, columns), meaning)
+
+
+class EncoderGraph(Graph):
+    """q(z | tau) = N(mean, diag deviation^2) of whole trajectories.
+
+    >>> from tvae.spaces import Continuous, Space
+    >>> model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), encode_actions=False).eval()
+    >>> [port.name for port in EncoderGraph(model).inputs]
+    ['observations', 'lengths']
+    """
+
+    name = "encoder"
+
+    def __init__(self, model: TrajectoryVAE) -> None:
+        super().__init__()
+        self.model = model
+        states, actions = model.observation_space.num_columns, model.action_space.num_columns
+        observed = "the states that were acted on, in raw units; anything valid behind a trajectory's end"
+        self.inputs = (
+            _sequence("observations", states, observed),
+            *([_sequence("actions", actions, "what was done there, in raw units")] if model.encode_actions else []),
+            Port("lengths", (BATCH,), "number of steps of each trajectory, from 1 to time", dtype="int64"),
+        )
+        shape = (BATCH, model.latent_features)
+        self.outputs = (
+            Port("mean", shape, "mean of z given the trajectory"),
+            Port("deviation", shape, "standard deviation of each z given the trajectory"),
+        )
+
+    def compute(self, given: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The parameters of the posterior."""
+        model = self.model
+        observed, acted = model.observation_normalizer, model.action_normalizer
+        parts = [observed.features(observed.values(given["observations"]))]
+        if model.encode_actions:
+            parts.append(acted.features(acted.values(given["actions"])))
+        posterior = model.encoder(torch.cat(parts, dim=-1), given["lengths"])
+        return {"mean": posterior.loc, "deviation": posterior.scale}
+
+
+class StateDecoderGraph(Graph):
+    """p(s_t+1 | s_1:t, z) at every step of a sequence; with `dynamics`, p(s_t+1 | s_1:t, a_1:t, z).
+
+    >>> from tvae.spaces import Continuous, Space
+    >>> model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),))).eval()
+    >>> [port.name for port in StateDecoderGraph(model).outputs]
+    ['next_observations', 'mean', 'deviation', 'end', 'end_probability']
+    """
+
+    name = "state_decoder"
+
+    def __init__(self, model: TrajectoryVAE) -> None:
+        super().__init__()
+        self.model = model
+        space, components = model.observation_space, model.state_decoder.head.num_components
+        actions = model.action_space.num_columns
+        self.noise = (*noise_names(space, components), *([END] if model.stop else []))
+        """What each column of the input `noise` decides."""
+        latent = Port("z", (BATCH, model.latent_features), "the style, one for each sequence")
+        self.inputs = (
+            _sequence("observations", space.num_columns, "states so far, in raw units"),
+            *([_sequence("actions", actions, "what was done in them, in raw units")] if model.dynamics else []),
+            *([latent] if model.latent_features else []),
+            _sequence("noise", len(self.noise), "uniform random numbers in [0, 1)"),
+            Port("most_likely", (1,), "0 draws the next states by the noise, 1 takes the most likely ones"),
+        )
+        ends = (
+            Port(END, (BATCH, TIME), "1 where the episode ends with this step"),
+            Port("end_probability", (BATCH, TIME), "probability that the episode ends with this step"),
+        )
+        following = Port(
+            "next_observations",
+            (BATCH, TIME, space.num_columns),
+            "the state that follows each one, in raw units",
+            angles=tuple(space.angular.tolist()),
+        )
+        self.outputs = (
+            following,
+            *law_ports(space, components, (BATCH, TIME)),
+            *(ends if model.stop else ()),
+        )
+
+    def compute(self, given: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The next states, their law, and whether the episode ends."""
+        model, observations, noise = self.model, given["observations"], given["noise"]
+        z = given.get("z", observations[:, 0, :0])
+        values = model.observation_normalizer.values(observations)
+        states = model.observation_normalizer.features(values)
+        inputs = states
+        if model.dynamics:
+            inputs = model.state_decoder_inputs(states, model.action_normalizer.values(given["actions"]))
+        law, log_odds = model.state_decoder(inputs, values, z)
+        tensors = law_tensors(law, model.observation_normalizer)
+        found = {
+            "next_observations": choose(tensors, model.observation_space, noise, given["most_likely"]),
+            **tensors,
+        }
+        if model.stop:
+            ends = log_odds.sigmoid()
+            threshold = torch.where(given["most_likely"] > 0.5, 0.5, noise[..., -1])
+            found |= {END: (ends > threshold).to(ends.dtype), "end_probability": ends}
+        return found
