@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-_CELLS = 64
-_SMALLEST = 1e-6
+CELLS = 64
+EDGE = 1e-6
 """The share of the outermost tails that counts as its edge."""
 
 
@@ -36,12 +36,12 @@ def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*b
     [0.0, 157.0, 1.0]
     """
     k = concentration[..., None]
-    middles = (torch.arange(_CELLS, dtype=k.dtype, device=k.device) + 0.5) / _CELLS  # from the far end inward
+    middles = (torch.arange(CELLS, dtype=k.dtype, device=k.device) + 0.5) / CELLS  # from the far end inward
     towards = 1 / torch.tan(math.pi / 2 * middles).square()
     s = towards / (1 + 4 * k + towards)
     density = torch.exp(-2 * k * s) * (1 + 4 * k * s)
     up_to = density.cumsum(-1)
-    outside = torch.minimum(uniform, 1 - uniform).mul(2).clamp(min=_SMALLEST)[..., None]
+    outside = torch.minimum(uniform, 1 - uniform).mul(2).clamp(min=EDGE)[..., None]
     filled = (outside * up_to[..., -1:] - (up_to - density)) / density.clamp(min=1e-30)
     share = filled.clamp(0, 1).mean(-1)
     away = 2 * torch.atan(1 / (torch.tan(math.pi / 2 * share) * torch.sqrt(1 + 4 * concentration)))

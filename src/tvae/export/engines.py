@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-OPSET = 18
+OPSET = 15
 """Version of the set of operators."""
 IR_VERSION = 8
 """Version of the file format."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tvae.data.normalizer import Normalizer
 from tvae.export.ports import BATCH, TIME, Graph, Port
-from tvae.export.writing import ExportError, needed
+from tvae.export.sheet import ExportError, needed
 from tvae.model.tvae import TrajectoryVAE
 
 TOLERANCE = 1e-5

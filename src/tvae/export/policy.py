@@ -11,11 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from tvae.export.heads import chosen, hazard, law_of
+from tvae.export.layers import chain, features, perceived, present, values, within
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
 from tvae.export.ports import BATCH, Graph, Port
+from tvae.export.recurrence import Carried, react
+from tvae.export.sheet import Value
 from tvae.model.events import SURE
 from tvae.model.trunks import Memory, ReactiveTrunk
 from tvae.model.tvae import TrajectoryVAE
@@ -154,3 +159,40 @@ class PolicyStep(Graph):
         hidden, cell = (state.reshape(-1, window * size)[:, :-size] for state in (after.hidden, after.cell))
         seen = features.reshape(-1, window, features.shape[-1])[:, -1]
         return seen, {"last": inputs, "hidden": hidden, "cell": cell}
+
+    def write(self, given: dict[str, Value]) -> dict[str, Value]:
+        """The action, its law, and the next memory."""
+        model, raw, memory, noise = self.model, given["observation"], given["memory"], given["noise"]
+        sheet, events = raw.sheet, model.events.num_events
+        pieces = sheet.split(memory, [field.size for field in self.fields])
+        kept = {field.name: piece for field, piece in zip(self.fields, pieces, strict=True) if piece is not None}
+        started = kept["started"] > 0.5
+        after: dict[str, Value] = {"started": kept["started"] * 0.0 + 1.0}
+        used = done = None
+        if events:
+            numbers = noise.columns(np.arange(len(self.noise) - events, len(self.noise)))
+            threshold = sheet.where(given["most_likely"] > 0.5, 0.5, numbers)
+            used = sheet.where(started, kept["used"], (self._occurrence(given) > threshold).number())
+            done = sheet.node("LessOrEqual", 1.0 - kept["due"], 1 - SURE).number()
+            after["used"] = used
+        clear = within(model.perception, raw)
+        seen = features(model.observation_normalizer, values(model.observation_normalizer, clear))
+        inputs = present(sheet, [seen, *perceived(model.perception, clear), done])
+        carried = Carried(started, kept.get("last"), kept.get("hidden"), kept.get("cell"))
+        rows, recurrent = react(model.policy_decoder.trunk, inputs, given.get("z"), carried, self.window)
+        head = model.policy_decoder.head
+        law = law_of(head, model.action_normalizer, rows, 2, used=used)
+        action = chosen(head, law, noise, given["most_likely"], 2)
+        if events:
+            occurred = action.columns(model.events.columns.cpu().numpy())
+            after["due"] = 1.0 - (1.0 - kept["due"]) * (1.0 - hazard(law) * occurred)
+        after |= recurrent
+        return {"action": action, **law, "memory_out": sheet.join([after[field.name] for field in self.fields])}
+
+    def _occurrence(self, given: dict[str, Value]) -> Value:
+        """p(E = 1 | z), of each event."""
+        events, sheet = self.model.events, given["memory"].sheet
+        assert events.share is not None
+        if events.by_style is None:
+            return sheet.constant(events.share[None]).apply("Sigmoid")
+        return (chain(events.by_style, given["z"]) + events.share).apply("Sigmoid")

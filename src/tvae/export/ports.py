@@ -8,6 +8,8 @@ from typing import Any
 
 from torch import Tensor, nn
 
+from tvae.export.sheet import Value
+
 BATCH = "batch"
 TIME = "time"
 
@@ -38,7 +40,11 @@ class Graph(nn.Module, ABC):
 
     @abstractmethod
     def compute(self, given: dict[str, Tensor]) -> dict[str, Tensor]:
-        """The outputs by name, of the inputs by name."""
+        """The outputs by name, of the inputs by name, in PyTorch."""
+
+    @abstractmethod
+    def write(self, given: dict[str, Value]) -> dict[str, Value]:
+        """The same, written down as ONNX."""
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:
         """The outputs, of the inputs, both in the order of the ports."""

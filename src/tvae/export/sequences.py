@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
+from tvae.export.heads import chosen, law_of
+from tvae.export.layers import features, linear, over_time, values
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
 from tvae.export.ports import BATCH, TIME, Graph, Port
+from tvae.export.recurrence import read
+from tvae.export.sheet import Value
+from tvae.model.encoder import LOG_VARIANCE_RANGE, Encoder
 from tvae.model.tvae import TrajectoryVAE
 
 END = "end"
@@ -52,6 +58,29 @@ class EncoderGraph(Graph):
             parts.append(acted.features(acted.values(given["actions"])))
         posterior = model.encoder(torch.cat(parts, dim=-1), given["lengths"])
         return {"mean": posterior.loc, "deviation": posterior.scale}
+
+    def write(self, given: dict[str, Value]) -> dict[str, Value]:
+        """The parameters of the posterior."""
+        model, lengths = self.model, given["lengths"]
+        assert isinstance(model.encoder, Encoder)
+        sheet, net = lengths.sheet, model.encoder.recurrent
+        normalizers = {"observations": model.observation_normalizer, "actions": model.action_normalizer}
+        rows = sheet.join(
+            [features(law, values(law, given[name])) for name, law in normalizers.items() if name in given]
+        )
+        time = sheet.node("Shape", rows, start=1, end=2).squeeze(0)
+        step = sheet.node("Range", np.array(0), time, np.array(1))
+        left = lengths.unsqueeze(1) - step  # steps that are left, (B, T)
+        inside = left > np.array(0)
+        index = sheet.where(inside, left - np.array(1), step).unsqueeze(-1)
+        backwards = sheet.node("GatherElements", rows, sheet.node("Expand", index, sheet.node("Shape", rows)), axis=1)
+        share = (inside.number() / lengths.unsqueeze(1).number()).unsqueeze(-1)
+        pooled = [(over_time(net.forwards, rows) * share).sum(1), (over_time(net.backwards, backwards) * share).sum(1)]
+        law = linear(model.encoder.parameters_of_law, sheet.join(pooled))
+        mean, log_variance = sheet.nodes_of("Split", [law, np.array([model.latent_features] * 2)], 2, axis=-1)
+        low, high = LOG_VARIANCE_RANGE
+        clamped = sheet.node("Clip", log_variance, low, high)
+        return {"mean": mean, "deviation": (clamped * 0.5).apply("Exp")}
 
 
 class StateDecoderGraph(Graph):
@@ -115,4 +144,23 @@ class StateDecoderGraph(Graph):
             ends = log_odds.sigmoid()
             threshold = torch.where(given["most_likely"] > 0.5, 0.5, noise[..., -1])
             found |= {END: (ends > threshold).to(ends.dtype), "end_probability": ends}
+        return found
+
+    def write(self, given: dict[str, Value]) -> dict[str, Value]:
+        """The next states, their law, and whether the episode ends."""
+        model, raw, noise = self.model, given["observations"], given["noise"]
+        sheet, decoder = raw.sheet, model.state_decoder
+        rows = values(model.observation_normalizer, raw)
+        inputs = features(model.observation_normalizer, rows)
+        if model.dynamics:
+            acted = values(model.action_normalizer, given["actions"])
+            inputs = sheet.join([inputs, features(model.action_normalizer, acted)])
+        after = read(decoder.trunk, inputs, given.get("z"), model.latent_features)
+        law = law_of(decoder.head, model.observation_normalizer, after, 3, origin=rows)
+        found = {"next_observations": chosen(decoder.head, law, noise, given["most_likely"], 3), **law}
+        if isinstance(decoder.stop, nn.Linear):
+            ends = linear(decoder.stop, after, rank=3).squeeze(-1).apply("Sigmoid")
+            number = noise.columns([len(self.noise) - 1]).squeeze(-1)
+            threshold = sheet.where(given["most_likely"] > 0.5, 0.5, number)
+            found |= {END: (ends > threshold).number(), "end_probability": ends}
         return found

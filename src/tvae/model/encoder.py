@@ -8,7 +8,7 @@ from torch.distributions import Normal
 
 from tvae.nets import PooledBidirectionalLSTM
 
-_LOG_VARIANCE_RANGE = (-14.0, 4.0)
+LOG_VARIANCE_RANGE = (-14.0, 4.0)
 
 
 class Encoder(nn.Module):
@@ -30,7 +30,7 @@ class Encoder(nn.Module):
         """The posterior, batch shape (B, Z)."""
         pooled = self.recurrent(self.dropout(sequence), lengths)
         mean, log_variance = self.parameters_of_law(self.dropout(pooled)).chunk(2, dim=-1)
-        log_variance = log_variance.clamp(*_LOG_VARIANCE_RANGE)
+        log_variance = log_variance.clamp(*LOG_VARIANCE_RANGE)
         return Normal(mean, (0.5 * log_variance).exp(), validate_args=False)
 
 

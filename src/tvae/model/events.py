@@ -27,7 +27,7 @@ from tvae.spaces import IntArray
 
 SURE = 0.9
 """Probability of having occurred when it was due from which on an event of a bot counts as done."""
-_NEVER = -60.0
+NEVER = -60.0
 """Log-odds of an event that cannot occur; finite, so that its log-probability is."""
 
 
@@ -119,7 +119,7 @@ def _only_where(used: Bool[Tensor, "*batch N"], law: Joint) -> Joint:
     parts = []
     for part in law.parts:
         if isinstance(part.law, Bernoulli):
-            log_odds = torch.where(used, part.law.logits, torch.full_like(part.law.logits, _NEVER))
+            log_odds = torch.where(used, part.law.logits, torch.full_like(part.law.logits, NEVER))
             parts.append(Columns(part.columns, Bernoulli(logits=log_odds, validate_args=False)))
         else:
             parts.append(part)

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from tvae.spaces import FloatArray, Space
 
-_MARGIN = 0.1
-_SMALLEST = 1e-30
+MARGIN = 0.1
+SMALLEST = 1e-30
 """So that the logarithm of a signal that is not positive, which is weighed with 0, is a number."""
 
 
@@ -42,6 +42,7 @@ class Perception(nn.Module):
 
     def __init__(self, space: Space) -> None:
         super().__init__()
+        self.space = space
         count = len(space.continuous)
         self.num_features = count + 2 * max(0, len(space.angular) - 1)
         self.register_buffer("least", torch.full((space.num_columns,), -torch.inf))
@@ -68,12 +69,12 @@ class Perception(nn.Module):
 
     def within(self, raw: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
         """Raw rows within the range of the training data and its margin."""
-        margin = _MARGIN * (self.largest - self.least)
+        margin = MARGIN * (self.largest - self.least)
         return torch.minimum(torch.maximum(raw, self.least - margin), self.largest + margin)
 
     def forward(self, raw: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """The further readings of raw rows that lie within the range."""
-        logs = raw.index_select(-1, self._continuous).clamp_min(_SMALLEST).log()
+        logs = raw.index_select(-1, self._continuous).clamp_min(SMALLEST).log()
         angles = raw.index_select(-1, self._angular)
         relative = angles[..., 1:] - angles[..., :1]
         return torch.cat([(logs - self.log_mean) * self.log_scale, relative.cos(), relative.sin()], dim=-1)

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-_LARGEST = 20.0
+LARGEST = 20.0
 """A change of more typical changes than this, which training may never have shown, counts as so many."""
 
 
@@ -128,7 +128,7 @@ class ReactiveTrunk(Trunk):
         self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
     ) -> tuple[Float[Tensor, "B T F"], Memory]:
         last = inputs[:, :1] if memory is None else memory.last
-        changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-_LARGEST, _LARGEST)
+        changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-LARGEST, LARGEST)
         latent = _at_every_step(z, inputs)
         seen = torch.cat([inputs, changes, latent], dim=-1)
         remembered, (hidden, cell) = self.recurrent(seen, None if memory is None else memory[:2])
