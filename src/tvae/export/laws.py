@@ -15,7 +15,7 @@ from tvae.data.normalizer import Normalizer
 from tvae.distributions import Joint, Mixture, RowDistribution, VonMises
 from tvae.export.draws import category, normal, von_mises
 from tvae.export.ports import Port
-from tvae.spaces import Space
+from tvae.spaces import IntArray, Space
 
 
 def wrapped(angle: Tensor) -> Tensor:
@@ -38,18 +38,21 @@ def noise_names(space: Space, num_components: int) -> tuple[str, ...]:
     return tuple(found)
 
 
-def law_ports(space: Space, num_components: int, leading: tuple[int | str, ...]) -> tuple[Port, ...]:
-    """The tensors that say the law of a row of `space`; all have an axis for the K components, K = 1 without."""
+def law_ports(normalizer: Normalizer, num_components: int, leading: tuple[int | str, ...]) -> tuple[Port, ...]:
+    """The tensors that say the law of a raw row; all have an axis for the K components, K = 1 without."""
+    space = normalizer.space
+    spread = tuple(normalizer.std[torch.from_numpy(space.continuous)].tolist())
     heads = (*leading, num_components)
 
-    def named(columns: object) -> str:
-        return ", ".join(space.names[column] for column in columns)  # type: ignore[attr-defined]
+    def named(columns: IntArray) -> str:
+        return ", ".join(space.names[column] for column in columns)
 
     ports = [Port("weights", heads, "probability of each component")] if num_components > 1 else []
     if len(space.continuous):
         size, names = len(space.continuous), named(space.continuous)
-        ports.append(Port("mean", (*heads, size), f"mean of the Gaussian of {names}, in their units"))
-        ports.append(Port("deviation", (*heads, size), f"its standard deviation, of {names}, in their units"))
+        ports.append(Port("mean", (*heads, size), f"mean of the Gaussian of {names}, in their units", spread=spread))
+        meaning = f"its standard deviation, of {names}, in their units"
+        ports.append(Port("deviation", (*heads, size), meaning, spread=spread))
     if len(space.angular):
         size, names = len(space.angular), named(space.angular)
         every = tuple(range(size))
@@ -142,9 +145,9 @@ def _next(numbers: Iterator[Tensor], count: int) -> Tensor:
     return torch.stack([next(numbers) for _ in range(count)], dim=-1)
 
 
-def _put(columns: dict[int, Tensor], where: object, values: Tensor) -> None:
-    for column, value in zip(where, values.unbind(-1), strict=True):  # type: ignore[call-overload]
-        columns[int(column)] = value
+def _put(columns: dict[int, Tensor], where: IntArray, values: Tensor) -> None:
+    for column, value in zip(where.tolist(), values.unbind(-1), strict=True):
+        columns[column] = value
 
 
 def _of(tensor: Tensor, component: Tensor) -> Tensor:

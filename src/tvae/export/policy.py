@@ -91,10 +91,10 @@ class PolicyStep(Graph):
             Port("noise", (BATCH, len(self.noise)), "uniform random numbers in [0, 1), fresh in each step"),
             Port("most_likely", (1,), "0 draws the action by the noise, 1 takes the most likely one"),
         )
-        angles = tuple(space.angular.tolist())
+        angles, spread = tuple(space.angular.tolist()), tuple(model.action_normalizer.std.tolist())
         self.outputs = (
-            Port("action", (BATCH, space.num_columns), "what the bot does, in raw units", angles=angles),
-            *law_ports(space, components, (BATCH,)),
+            Port("action", (BATCH, space.num_columns), "what the bot does, in raw units", angles=angles, spread=spread),
+            *law_ports(model.action_normalizer, components, (BATCH,)),
             Port("memory_out", (BATCH, size), "memory for the next step"),
         )
 

@@ -24,6 +24,8 @@ class Port:
     dtype: str = "float32"
     angles: tuple[int, ...] = ()
     """Positions on the last axis at which values that differ by 2 pi are the same."""
+    spread: tuple[float, ...] = ()
+    """Standard deviation of what each position on the last axis stands for; 1 if left out."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for the manifest."""

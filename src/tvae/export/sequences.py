@@ -118,10 +118,11 @@ class StateDecoderGraph(Graph):
             (BATCH, TIME, space.num_columns),
             "the state that follows each one, in raw units",
             angles=tuple(space.angular.tolist()),
+            spread=tuple(model.observation_normalizer.std.tolist()),
         )
         self.outputs = (
             following,
-            *law_ports(space, components, (BATCH, TIME)),
+            *law_ports(model.observation_normalizer, components, (BATCH, TIME)),
             *(ends if model.stop else ()),
         )
 
