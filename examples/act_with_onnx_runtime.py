@@ -1,7 +1,7 @@
 """A bot of the zombie task that acts with ONNX Runtime and NumPy alone: no PyTorch.
 
-    tvae export zombie --out exports/zombie
-    python examples/act_with_onnx_runtime.py exports/zombie attack
+tvae export zombie --out exports/zombie
+python examples/act_with_onnx_runtime.py exports/zombie attack
 """
 
 import json
@@ -38,7 +38,8 @@ def play(exported: Path, style_name: str, episodes: int, seed: int = 0) -> float
             action = {"attack": np.array([attack], dtype=np.int8), "heading": np.array(heading, dtype=np.float64)}
             observation, _, terminated, truncated, info = env.step(action)
             over = terminated or truncated
-        successes += bool(info[f"success_{style_name}"])
+        kept_to_it = info["zombie_dead"] if style_name == "attack" else info["closest_zombie"] >= 1
+        successes += bool(info["goal_reached"] and kept_to_it)
     return successes / episodes
 
 

@@ -49,9 +49,10 @@ def main(name: str) -> None:
     bot = LatentPolicy(model, Fixed(np.zeros(model.latent_features)))
     bot.reset(1, seed=0)
     observation = given["observation"].astype(np.float64)
-    ways = {
-        "ONNX Runtime": lambda run=open_session(path): run(given),
-        "PyTorch graph": lambda run=in_torch(graph): run(given),
+    exported, original = open_session(path), in_torch(graph)
+    ways: dict[str, Callable[[], object]] = {
+        "ONNX Runtime": lambda: exported(given),
+        "PyTorch graph": lambda: original(given),
         "PyTorch bot": lambda: bot.act(observation),
     }
     for way, step in ways.items():

@@ -21,23 +21,23 @@ class Engine:
     operators: frozenset[str]
 
 
-_EVERYWHERE = frozenset(
-    """
-    Abs Acos Acosh Add And ArgMax ArgMin Asin Asinh Atan Atanh BatchNormalization Bernoulli Cast Ceil Celu Clip Compress
-    Concat Constant ConstantOfShape Cos Cosh CumSum Div Dropout Einsum Elu Equal Erf Exp Expand Flatten Floor Gather
-    GatherElements GatherND Gemm Greater GreaterOrEqual HardSigmoid HardSwish Hardmax Identity InstanceNormalization IsInf
-    IsNaN LSTM LayerNormalization LeakyRelu Less LessOrEqual Log LogSoftmax MatMul Max Mean Min Mod Mul Multinomial Neg
-    NonZero Not OneHot Or PRelu Pad Pow RandomNormal RandomNormalLike RandomUniform RandomUniformLike Range Reciprocal
-    ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp ReduceMax ReduceMean ReduceMin ReduceProd ReduceSum ReduceSumSquare Relu
-    Reshape Round ScatterElements ScatterND Selu Shape Shrink Sigmoid Sign Sin Sinh Size Slice Softmax Softplus Softsign
-    Split Sqrt Squeeze Sub Sum Tan Tanh ThresholdedRelu Tile TopK Transpose Trilu Unsqueeze Where Xor
-    """.split()
-)
+_IN_UNITY = """
+Abs Acos Acosh Add And ArgMax ArgMin Asin Asinh Atan Atanh BatchNormalization Bernoulli Cast Ceil Celu Clip
+Compress Concat Constant ConstantOfShape Cos Cosh CumSum Div Dropout Einsum Elu Equal Erf Exp Expand Flatten
+Floor Gather GatherElements GatherND Gemm Greater GreaterOrEqual HardSigmoid HardSwish Hardmax Identity
+InstanceNormalization IsInf IsNaN LSTM LayerNormalization LeakyRelu Less LessOrEqual Log LogSoftmax MatMul Max
+Mean Min Mod Mul Multinomial Neg NonZero Not OneHot Or PRelu Pad Pow RandomNormal RandomNormalLike
+RandomUniform RandomUniformLike Range Reciprocal ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp ReduceMax
+ReduceMean ReduceMin ReduceProd ReduceSum ReduceSumSquare Relu Reshape Round ScatterElements ScatterND Selu
+Shape Shrink Sigmoid Sign Sin Sinh Size Slice Softmax Softplus Softsign Split Sqrt Squeeze Sub Sum Tan Tanh
+ThresholdedRelu Tile TopK Transpose Trilu Unsqueeze Where Xor
+"""
+_EVERYWHERE = frozenset(_IN_UNITY.split())
 """Those in Unity's list; ONNX Runtime, of which the other two are made, has all operators of the standard."""
 
 ENGINES = (
     Engine("ONNX Runtime Web", "onnxruntime-web 1.17 or later, WebAssembly backend", 20, _EVERYWHERE),
-    Engine("Unity Inference Engine", "com.unity.ai.inference (Sentis) 2.6 or later, CPU backend", 25, _EVERYWHERE),
+    Engine("Unity Inference Engine", "com.unity.ai.inference (Sentis) 2.1 or later, CPU backend", 15, _EVERYWHERE),
     Engine("Unreal NNE", "Unreal Engine 5.5 or later, NNERuntimeORT on the CPU", 20, _EVERYWHERE),
 )
 

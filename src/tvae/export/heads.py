@@ -10,7 +10,7 @@ import torch
 from tvae.data.normalizer import Normalizer
 from tvae.export.draws import CELLS, EDGE
 from tvae.export.layers import linear
-from tvae.export.sheet import Sheet, Value
+from tvae.export.sheet import Value
 from tvae.heads import Head
 from tvae.model.events import NEVER
 
@@ -47,7 +47,7 @@ def law_of(
     if x is not None and y is not None and width is not None:
         angle = _direction(x + 1.0, y)
         unit = head.unit[torch.from_numpy(space.angular)]
-        found["angle"] = wrapped(angle if start is None else angle + start.columns(space.angular))
+        found["angle"] = angle if start is None else wrapped(angle + start.columns(space.angular))
         found["angle_deviation"] = (width.apply("Softplus") + head.floor) * unit
     if log_odds is not None:
         if used is not None:

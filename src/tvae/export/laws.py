@@ -57,9 +57,7 @@ def law_ports(normalizer: Normalizer, num_components: int, leading: tuple[int | 
         size, names = len(space.angular), named(space.angular)
         every = tuple(range(size))
         ports.append(Port("angle", (*heads, size), f"centre of the von Mises law of {names}, radians", angles=every))
-        ports.append(
-            Port("angle_deviation", (*heads, size), f"s in its concentration 1 / s^2, of {names}, radians")
-        )
+        ports.append(Port("angle_deviation", (*heads, size), f"s in its concentration 1 / s^2, of {names}, radians"))
     if len(space.binary):
         ports.append(Port("probability", (*heads, len(space.binary)), f"of yes: {named(space.binary)}"))
     if len(space.categorical):
@@ -106,7 +104,7 @@ def choose(
     law: dict[str, Tensor],
     space: Space,
     noise: Float[Tensor, "*batch U"],
-    most_likely: Float[Tensor, "1"],
+    most_likely: Float[Tensor, " 1"],
 ) -> Float[Tensor, "*batch C"]:
     """The raw row that uniform numbers, in the order of `noise_names`, choose from the law that `law_tensors` gave.
 
@@ -119,9 +117,7 @@ def choose(
         component = one_hot(index, weights.shape[-1]).to(weights.dtype)
         law = {name: _of(tensor, component) for name, tensor in law.items() if name != "weights"}
     else:
-        law = {
-            name: tensor.squeeze(-3 if name == "probabilities" else -2) for name, tensor in law.items()
-        }
+        law = {name: tensor.squeeze(-3 if name == "probabilities" else -2) for name, tensor in law.items()}
     columns: dict[int, Tensor] = {}
     if len(space.continuous):
         size = len(space.continuous)

@@ -106,6 +106,20 @@ def lstm(net: nn.LSTM, steps: Value, hidden: Value | None = None, cell: Value | 
     return Remembered(*found)
 
 
+def lstm_once(net: nn.LSTM, rows: Value) -> Value:
+    """The output (N, H) of an LSTM after one row (N, F) from a state of zero, where its forget gate has no say."""
+    bias = as_rows(net.bias_ih_l0) + as_rows(net.bias_hh_l0)
+    take, _, new, give = np.split(as_rows(net.weight_ih_l0), 4)
+    take_bias, _, new_bias, give_bias = np.split(bias, 4)
+    sheet, size = rows.sheet, net.hidden_size
+    weights, biases = np.concatenate([take, give, new]), np.concatenate([take_bias, give_bias, new_bias])
+    open_gates, candidate = sheet.nodes_of(
+        "Split", [sheet.node("Gemm", rows, weights, biases, transB=1), np.array([2 * size, size])], 2, axis=-1
+    )
+    taken, given = sheet.nodes_of("Split", [open_gates.apply("Sigmoid"), np.array([size, size])], 2, axis=-1)
+    return (taken * candidate.apply("Tanh")).apply("Tanh") * given
+
+
 def _in_order(tensor: Tensor) -> NDArray[np.float32]:
     """PyTorch's gates (input, forget, cell, output) as ONNX has them (input, output, forget, cell)."""
     gates = np.split(as_rows(tensor), 4)

@@ -147,6 +147,4 @@ def named_styles(
     styles: Sequence[Style], labels: Mapping[int, str], words: Mapping[int, tuple[str, ...]]
 ) -> tuple[NamedStyle, ...]:
     """Styles with the labels and the words that were found for them, by their number."""
-    return tuple(
-        NamedStyle(style, labels.get(style.index, style.name), words.get(style.index, ())) for style in styles
-    )
+    return tuple(NamedStyle(style, labels.get(style.index, style.name), words.get(style.index, ())) for style in styles)

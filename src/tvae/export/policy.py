@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 
 from tvae.export.heads import chosen, hazard, law_of
-from tvae.export.layers import chain, features, perceived, present, values, within
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
+from tvae.export.layers import chain, features, perceived, present, values, within
 from tvae.export.ports import BATCH, Graph, Port
 from tvae.export.recurrence import Carried, react
 from tvae.export.sheet import Value
@@ -153,7 +153,7 @@ class PolicyStep(Graph):
         width = inputs.shape[-1]
         features, after = trunk(
             every.reshape(-1, 1, width),
-            z[:, None].expand(-1, window, -1).reshape(-1, z.shape[-1]),
+            z[:, None].expand(-1, window, -1).flatten(0, 1),
             Memory(states[0], states[1], before.reshape(-1, 1, width)),
         )
         hidden, cell = (state.reshape(-1, window * size)[:, :-size] for state in (after.hidden, after.cell))
@@ -167,7 +167,7 @@ class PolicyStep(Graph):
         pieces = sheet.split(memory, [field.size for field in self.fields])
         kept = {field.name: piece for field, piece in zip(self.fields, pieces, strict=True) if piece is not None}
         started = kept["started"] > 0.5
-        after: dict[str, Value] = {"started": kept["started"] * 0.0 + 1.0}
+        after: dict[str, Value] = {"started": sheet.node("Max", kept["started"], 1.0)}
         used = done = None
         if events:
             numbers = noise.columns(np.arange(len(self.noise) - events, len(self.noise)))

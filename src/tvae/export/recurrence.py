@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tvae.export.layers import at_every_step, chain, changes, lstm, over_time, present
+from tvae.export.layers import at_every_step, chain, changes, lstm, lstm_once, over_time, present
 from tvae.export.sheet import Value
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk, Trunk
 
@@ -47,7 +47,7 @@ def _remember(
     assert isinstance(trunk, PlainTrunk | ReactiveTrunk)
     sheet, net = seen.sheet, trunk.recurrent
     if carried.hidden is None or carried.cell is None:
-        return lstm(net, seen.unsqueeze(0)).hidden.squeeze(0), {}
+        return lstm_once(net, seen), {}
     if window is None:
         found = lstm(net, seen.unsqueeze(0), carried.hidden.unsqueeze(0), carried.cell.unsqueeze(0))
         hidden = found.hidden.squeeze(0)

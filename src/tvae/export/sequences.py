@@ -7,8 +7,8 @@ import torch
 from torch import Tensor, nn
 
 from tvae.export.heads import chosen, law_of
-from tvae.export.layers import features, linear, over_time, values
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
+from tvae.export.layers import features, linear, over_time, values
 from tvae.export.ports import BATCH, TIME, Graph, Port
 from tvae.export.recurrence import read
 from tvae.export.sheet import Value

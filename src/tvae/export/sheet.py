@@ -27,7 +27,8 @@ def needed(name: str) -> Any:
         return import_module(name)
     except ImportError:
         raise ExportError(
-            f"export needs the packages {' and '.join(PACKAGES)}, and {name} is not installed: pip install 'tvae[export]'"
+            f"export needs the packages {' and '.join(PACKAGES)}, and {name} is not installed: "
+            "pip install 'tvae[export]'"
         ) from None
 
 
@@ -157,8 +158,6 @@ class Value:
 
 Content: TypeAlias = float | NDArray[Any] | Tensor
 Input: TypeAlias = Value | Content | None
-
-
 
 
 def as_rows(tensor: Tensor) -> NDArray[Any]:
