@@ -48,7 +48,7 @@ def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*b
     return torch.where(uniform < 0.5, -away, away)
 
 
-def category(uniform: Float[Tensor, "*batch"], probabilities: Float[Tensor, "*batch K"]) -> Int[Tensor, "*batch"]:
+def category(uniform: Float[Tensor, "*#batch"], probabilities: Float[Tensor, "*#batch K"]) -> Int[Tensor, "..."]:
     """The category in which u falls when they stand side by side, each as wide as it is probable.
 
     >>> category(torch.tensor([0.1, 0.5, 0.99]), torch.tensor([0.2, 0.0, 0.8])).tolist()

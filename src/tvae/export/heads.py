@@ -51,7 +51,7 @@ def law_of(
         found["angle_deviation"] = (width.apply("Softplus") + head.floor) * unit
     if log_odds is not None:
         if used is not None:
-            log_odds = sheet.where((used > 0.5).unsqueeze(rank - 1), log_odds, NEVER)
+            log_odds = sheet.where(used.above(0.5).unsqueeze(rank - 1), log_odds, NEVER)
         found["probability"] = log_odds.apply("Sigmoid")
     if weights is not None:
         mask = space.category_mask
@@ -70,7 +70,7 @@ def hazard(law: Law) -> Value:
 
 def chosen(head: Head, law: Law, noise: Value, most_likely: Value, rank: int) -> Value:
     """The raw row that uniform numbers choose from the law of a head, as `tvae.export.laws.choose` does."""
-    sheet, space, certain = noise.sheet, head.space, most_likely > 0.5
+    sheet, space, certain = noise.sheet, head.space, most_likely.above(0.5)
     several = head.num_components > 1
     sizes = [int(several), len(space.continuous), len(space.continuous)]
     sizes += [len(space.angular), len(space.binary), len(space.categorical)]
@@ -88,7 +88,7 @@ def chosen(head: Head, law: Law, noise: Value, most_likely: Value, rank: int) ->
         away = _von_mises(angles, law["angle_deviation"], rank)
         parts.append(wrapped(law["angle"] + sheet.where(certain, 0.0, away)))
     if buttons is not None:
-        parts.append((law["probability"] > sheet.where(certain, 0.5, buttons)).number())
+        parts.append(law["probability"].above(sheet.where(certain, 0.5, buttons)).number())
     if codes is not None:
         most = sheet.node("ArgMax", law["probabilities"], axis=-1, keepdims=0).number()
         drawn = _category(codes.unsqueeze(-1), law["probabilities"], space.category_mask.shape[1]).squeeze(-1)
@@ -147,8 +147,8 @@ def _of_component(head: Head, law: Law, index: Value, rank: int) -> Law:
 def _direction(x: Value, y: Value) -> Value:
     """atan2(y, x)."""
     sheet = x.sheet
-    half_turn = sheet.where(y < 0.0, -math.pi, math.pi)
-    return (y / x).apply("Atan") + sheet.where(x < 0.0, half_turn, 0.0)
+    half_turn = sheet.where(y.below(0.0), -math.pi, math.pi)
+    return (y / x).apply("Atan") + sheet.where(x.below(0.0), half_turn, 0.0)
 
 
 def _von_mises(uniform: Value, deviation: Value, rank: int) -> Value:
@@ -168,4 +168,4 @@ def _von_mises(uniform: Value, deviation: Value, rank: int) -> Value:
     share = sheet.node("Clip", filled, 0.0, 1.0)
     mean = sheet.node("ReduceMean", share, axes=[-1], keepdims=0)
     away = ((mean * (math.pi / 2)).apply("Tan") * wide.apply("Sqrt")).apply("Reciprocal").apply("Atan") * 2.0
-    return sheet.where(uniform < 0.5, away.apply("Neg"), away)
+    return sheet.where(uniform.below(0.5), away.apply("Neg"), away)

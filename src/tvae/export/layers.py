@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tvae.data.normalizer import Normalizer
-from tvae.export.sheet import Sheet, Value, as_rows
+from tvae.export.sheet import Input, Sheet, Value, as_rows
 from tvae.model.perception import MARGIN, SMALLEST, NoPerception, Perception
 from tvae.model.trunks import LARGEST
 
@@ -99,18 +99,17 @@ class Remembered:
 
 def lstm(net: nn.LSTM, steps: Value, hidden: Value | None = None, cell: Value | None = None) -> Remembered:
     """An LSTM over `steps` (T, N, F), from states (1, N, H) or from zero."""
-    weights = [net.weight_ih_l0, net.weight_hh_l0, net.bias_ih_l0, net.bias_hh_l0]
-    into, back, bias, second = (_in_order(tensor) for tensor in weights)
-    inputs = [steps, into[None], back[None], np.concatenate([bias, second])[None], None, hidden, cell]
+    into, back, bias, second = (_in_order(rows) for rows in _weights(net))
+    inputs: list[Input] = [steps, into[None], back[None], np.concatenate([bias, second])[None], None, hidden, cell]
     found = steps.sheet.nodes_of("LSTM", inputs[:4] if hidden is None else inputs, 3, hidden_size=net.hidden_size)
     return Remembered(*found)
 
 
 def lstm_once(net: nn.LSTM, rows: Value) -> Value:
     """The output (N, H) of an LSTM after one row (N, F) from a state of zero, where its forget gate has no say."""
-    bias = as_rows(net.bias_ih_l0) + as_rows(net.bias_hh_l0)
-    take, _, new, give = np.split(as_rows(net.weight_ih_l0), 4)
-    take_bias, _, new_bias, give_bias = np.split(bias, 4)
+    into, _, bias, second = _weights(net)
+    take, _, new, give = np.split(into, 4)
+    take_bias, _, new_bias, give_bias = np.split(bias + second, 4)
     sheet, size = rows.sheet, net.hidden_size
     weights, biases = np.concatenate([take, give, new]), np.concatenate([take_bias, give_bias, new_bias])
     open_gates, candidate = sheet.nodes_of(
@@ -120,9 +119,15 @@ def lstm_once(net: nn.LSTM, rows: Value) -> Value:
     return (taken * candidate.apply("Tanh")).apply("Tanh") * given
 
 
-def _in_order(tensor: Tensor) -> NDArray[np.float32]:
+def _weights(net: nn.LSTM) -> list[NDArray[np.float32]]:
+    """Of the input and of the state, and their biases."""
+    names = ("weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0")
+    return [as_rows(net.get_parameter(name)) for name in names]
+
+
+def _in_order(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     """PyTorch's gates (input, forget, cell, output) as ONNX has them (input, output, forget, cell)."""
-    gates = np.split(as_rows(tensor), 4)
+    gates = np.split(rows, 4)
     return np.concatenate([gates[0], gates[3], gates[1], gates[2]])
 
 
@@ -134,7 +139,7 @@ def over_time(net: nn.LSTM, rows: Value) -> Value:
 
 def changes(inputs: Value, last: Value, unit: Tensor) -> Value:
     """The last change in typical changes, as `ReactiveTrunk` has it."""
-    return inputs.sheet.node("Clip", (inputs - last) / unit, np.float32(-LARGEST), np.float32(LARGEST))
+    return inputs.sheet.node("Clip", (inputs - last) / unit, -LARGEST, LARGEST)
 
 
 def at_every_step(z: Value, rows: Value, size: int) -> Value:

@@ -166,13 +166,13 @@ class PolicyStep(Graph):
         sheet, events = raw.sheet, model.events.num_events
         pieces = sheet.split(memory, [field.size for field in self.fields])
         kept = {field.name: piece for field, piece in zip(self.fields, pieces, strict=True) if piece is not None}
-        started = kept["started"] > 0.5
+        started = kept["started"].above(0.5)
         after: dict[str, Value] = {"started": sheet.node("Max", kept["started"], 1.0)}
         used = done = None
         if events:
             numbers = noise.columns(np.arange(len(self.noise) - events, len(self.noise)))
-            threshold = sheet.where(given["most_likely"] > 0.5, 0.5, numbers)
-            used = sheet.where(started, kept["used"], (self._occurrence(given) > threshold).number())
+            threshold = sheet.where(given["most_likely"].above(0.5), 0.5, numbers)
+            used = sheet.where(started, kept["used"], self._occurrence(given).above(threshold).number())
             done = sheet.node("LessOrEqual", 1.0 - kept["due"], 1 - SURE).number()
             after["used"] = used
         clear = within(model.perception, raw)

@@ -71,7 +71,7 @@ class EncoderGraph(Graph):
         time = sheet.node("Shape", rows, start=1, end=2).squeeze(0)
         step = sheet.node("Range", np.array(0), time, np.array(1))
         left = lengths.unsqueeze(1) - step  # steps that are left, (B, T)
-        inside = left > np.array(0)
+        inside = left.above(np.array(0))
         index = sheet.where(inside, left - np.array(1), step).unsqueeze(-1)
         backwards = sheet.node("GatherElements", rows, sheet.node("Expand", index, sheet.node("Shape", rows)), axis=1)
         share = (inside.number() / lengths.unsqueeze(1).number()).unsqueeze(-1)
@@ -162,6 +162,6 @@ class StateDecoderGraph(Graph):
         if isinstance(decoder.stop, nn.Linear):
             ends = linear(decoder.stop, after, rank=3).squeeze(-1).apply("Sigmoid")
             number = noise.columns([len(self.noise) - 1]).squeeze(-1)
-            threshold = sheet.where(given["most_likely"] > 0.5, 0.5, number)
-            found |= {END: (ends > threshold).number(), "end_probability": ends}
+            threshold = sheet.where(given["most_likely"].above(0.5), 0.5, number)
+            found |= {END: ends.above(threshold).number(), "end_probability": ends}
         return found

@@ -121,10 +121,12 @@ class Value:
     def __truediv__(self, other: Value | Content) -> Value:
         return self.sheet.node("Div", self, other)
 
-    def __gt__(self, other: Value | Content) -> Value:
+    def above(self, other: Value | Content) -> Value:
+        """Whether it is greater."""
         return self.sheet.node("Greater", self, other)
 
-    def __lt__(self, other: Value | Content) -> Value:
+    def below(self, other: Value | Content) -> Value:
+        """Whether it is less."""
         return self.sheet.node("Less", self, other)
 
     def apply(self, operator: str) -> Value:

@@ -34,6 +34,7 @@ class Trunk(nn.Module, ABC):
     """Features of s_{1:t} and z at every step t."""
 
     unit: Tensor
+    recurrent: nn.LSTM
 
     def __init__(self, in_features: int, num_features: int) -> None:
         super().__init__()
