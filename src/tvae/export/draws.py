@@ -19,8 +19,8 @@ EDGE = 1e-6
 def normal(radius: Float[Tensor, "*batch"], angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """A standard normal number of two uniform ones: sqrt(-2 ln(1 - u)) cos(2 pi v) (Box and Muller).
 
-    >>> normal(torch.tensor([0.0, 0.5]), torch.tensor([0.3, 0.0])).tolist()
-    [-0.0, 1.1774100065231323]
+    >>> normal(torch.tensor([0.1, 0.5]), torch.tensor([0.3, 0.0])).mul(100).round().tolist()
+    [-14.0, 118.0]
     """
     return torch.sqrt(-2 * torch.log(1 - radius)) * torch.cos(2 * math.pi * angle)
 
@@ -32,8 +32,8 @@ def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*b
     exp(-2 k s) (1 + 4 k s), where s = sin^2(x / 2): a smooth even function, flat at k = 0 and never narrow, whatever
     k is. Its integral from the far end inward is taken on 64 cells of a half, a cell being filled evenly.
 
-    >>> von_mises(torch.tensor([0.5, 0.75, 0.75]), torch.tensor([3.0, 0.0, 1e4])).mul(100).round().tolist()
-    [0.0, 157.0, 1.0]
+    >>> von_mises(torch.tensor([0.25, 0.75, 0.75]), torch.tensor([0.0, 0.0, 1e4])).mul(100).round().tolist()
+    [-157.0, 157.0, 1.0]
     """
     k = concentration[..., None]
     middles = (torch.arange(CELLS, dtype=k.dtype, device=k.device) + 0.5) / CELLS  # from the far end inward
@@ -48,7 +48,7 @@ def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*b
     return torch.where(uniform < 0.5, -away, away)
 
 
-def category(uniform: Float[Tensor, "*#batch"], probabilities: Float[Tensor, "*#batch K"]) -> Int[Tensor, "..."]:
+def category(uniform: Float[Tensor, "*#batch"], probabilities: Float[Tensor, "*#batch K"]) -> Int[Tensor, ...]:
     """The category in which u falls when they stand side by side, each as wide as it is probable.
 
     >>> category(torch.tensor([0.1, 0.5, 0.99]), torch.tensor([0.2, 0.0, 0.8])).tolist()

@@ -36,8 +36,8 @@ _EVERYWHERE = frozenset(_IN_UNITY.split())
 """Those in Unity's list; ONNX Runtime, of which the other two are made, has all operators of the standard."""
 
 ENGINES = (
-    Engine("ONNX Runtime Web", "onnxruntime-web 1.17 or later, WebAssembly backend", 20, _EVERYWHERE),
     Engine("Unity Inference Engine", "com.unity.ai.inference (Sentis) 2.1 or later, CPU backend", 15, _EVERYWHERE),
+    Engine("ONNX Runtime Web", "onnxruntime-web 1.17 or later, WebAssembly backend", 20, _EVERYWHERE),
     Engine("Unreal NNE", "Unreal Engine 5.5 or later, NNERuntimeORT on the CPU", 20, _EVERYWHERE),
 )
 
@@ -49,7 +49,7 @@ def check_operators(operators: Sequence[str], graph: str) -> None:
     Traceback (most recent call last):
     ValueError: encoder uses Loop, which Unity Inference Engine does not have
     """
-    for engine in sorted(ENGINES, key=lambda engine: len(engine.operators)):
+    for engine in ENGINES:
         missing = sorted(set(operators) - engine.operators)
         if missing:
             raise ValueError(f"{graph} uses {', '.join(missing)}, which {engine.name} does not have")
