@@ -22,7 +22,7 @@ from tvae.export.parity import draw, in_torch, open_session
 from tvae.export.policy import PolicyStep
 from tvae.export.writing import write_onnx
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import Fixed
+from tvae.model.decoding import Fixed
 
 
 def microseconds(step: Callable[[], object], count: int = 5_000) -> tuple[float, float]:

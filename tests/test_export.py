@@ -31,7 +31,7 @@ from tvae.export.policy import PolicyStep
 from tvae.export.ports import Graph
 from tvae.export.sheet import ExportError
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.generate.decoding import Fixed, most_likely
+from tvae.model.decoding import Fixed, most_likely
 from tvae.rollouts import rollout
 from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
 
