@@ -63,6 +63,12 @@ _VERBS = (
         "Reproduce the paper: its tasks, figures and numbers.",
         "tvae reproduce zombie --out results --seeds 5",
     ),
+    (
+        app,
+        "benchmark",
+        "Compare methods on the paper's tasks, side by side.",
+        "tvae benchmark --out runs/benchmark --seeds 5 --tasks zombie",
+    ),
     (app, "report", "Write the page of a run anew.", "tvae report runs/sessions"),
     (data, "info", "Show what is in a data set.", "tvae data info sessions.parquet"),
     (data, "validate", "List everything that is wrong with a table.", "tvae data validate sessions.csv"),

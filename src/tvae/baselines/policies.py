@@ -1,0 +1,149 @@
+"""pi(a_t | s_1:t, c): a trunk and a head, trained on the log-likelihood of actions, and acting step by step.
+
+c is whatever a method conditions on: nothing, a label, a latent. The loss is the mean over all steps of the batch,
+
+    L = - sum_i sum_t log pi(a_it | s_i,1:t, c_i) / sum_i T_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from tvae.baselines.contract import Codes
+from tvae.baselines.descending import CPU, Descent
+from tvae.baselines.senses import Senses
+from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
+from tvae.data.demonstrations import Demonstrations
+from tvae.device import seeded
+from tvae.distributions import RowDistribution
+from tvae.heads import Head
+from tvae.model.trunks import Memory, Trunk
+from tvae.spaces import FloatArray, IntArray
+
+ACTION_FLOOR = 0.02
+"""Smallest standard deviation of an action, as in our own policy decoder."""
+
+CodeOf: TypeAlias = Callable[[IntArray, TrajectoryBatch], Tensor]
+"""(B, Z) codes of the episodes at these positions."""
+
+
+class MemorylessTrunk(Trunk):
+    """An MLP over [s_t; z]: what came before is not seen.
+
+    >>> features, _ = MemorylessTrunk(3, 2, 8)(torch.zeros(5, 7, 3), torch.zeros(5, 2))
+    >>> features.shape[-1]
+    8
+    """
+
+    def __init__(self, in_features: int, latent_features: int, hidden_features: int) -> None:
+        super().__init__(in_features, hidden_features)
+        self.layers = nn.Sequential(
+            nn.Linear(in_features + latent_features, hidden_features),
+            nn.SiLU(),
+            nn.Linear(hidden_features, hidden_features),
+            nn.SiLU(),
+        )
+
+    def forward(
+        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
+    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        joined = torch.cat([inputs, z[:, None].expand(-1, inputs.shape[1], -1)], dim=-1)
+        nothing = inputs.new_zeros(1, len(inputs), 0)
+        return self.layers(joined), Memory(nothing, nothing, inputs[:, -1:])
+
+
+class PolicyNetwork(nn.Module):
+    """pi(a_t | s_1:t, c) over raw observations; the law is one of action values (`tvae.data.normalizer`)."""
+
+    def __init__(self, senses: Senses, trunk: Trunk, *, num_components: int) -> None:
+        super().__init__()
+        self.senses = senses
+        self.trunk = trunk
+        self.head = Head(senses.actions.space, trunk.num_features, floor=ACTION_FLOOR, num_components=num_components)
+        trunk.unit.copy_(senses.unit)
+
+    def forward(
+        self, observations: Float[Tensor, "B T O"], code: Float[Tensor, "B Z"], memory: Memory | None = None
+    ) -> tuple[RowDistribution, Memory]:
+        """The law of each step's action, and the memory behind the last step."""
+        features, memory = self.trunk(self.senses(observations), code, memory)
+        origin = features.new_zeros(*features.shape[:-1], self.senses.actions.space.num_columns)
+        return self.head(features, origin), memory
+
+    def loss(self, batch: TrajectoryBatch, code: Float[Tensor, "B Z"]) -> Float[Tensor, ""]:
+        """L, in nats per step."""
+        law, _ = self(batch.observations, code)
+        return -(law.log_prob(self.senses.actions.values(batch.actions)) * batch.mask).sum() / batch.mask.sum()
+
+
+class NetworkPolicy:
+    """A `Policy`: the network with actions drawn from its law, and a code of its own in each episode."""
+
+    def __init__(self, network: PolicyNetwork, codes: Codes) -> None:
+        self.network = network
+        self.codes = codes
+
+    def reset(self, num_episodes: int, seed: int) -> None:
+        """Begin `num_episodes` new episodes."""
+        self._random = np.random.default_rng(seed)
+        self._code = torch.from_numpy(self.codes.sample(num_episodes, self._random)).float()
+        self._memory: Memory | None = None
+
+    @torch.inference_mode()
+    def act(self, observations: FloatArray) -> FloatArray:
+        """(N, A) actions."""
+        rows = torch.from_numpy(observations).float()[:, None]
+        law, self._memory = self.network(rows, self._code, self._memory)
+        with seeded(int(self._random.integers(2**62)), CPU):
+            values = law.sample()[:, 0]
+        return self.network.senses.actions.raw(values).double().numpy()
+
+
+def no_code(episodes: IntArray, batch: TrajectoryBatch) -> Tensor:
+    """(B, 0)"""
+    return torch.zeros(len(episodes), 0)
+
+
+def clone(
+    network: PolicyNetwork,
+    demonstrations: Demonstrations,
+    code_of: CodeOf,
+    descent: Descent,
+    *,
+    seed: int,
+    held_out: float = 0.1,
+) -> None:
+    """Train on the log-likelihood of actions; of the evaluated weights those best on a held-out share are kept."""
+    training, judged = positions(len(demonstrations), held_out, seed)
+    sampler = BucketedSampler(demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), seed)
+
+    def loss(step: int) -> Tensor:
+        episodes = training[sampler.episodes(step)]
+        batch = batch_of(demonstrations, episodes)
+        return network.loss(batch, code_of(episodes, batch))
+
+    def judge() -> float:
+        total = 0.0
+        for part in ordered_batches(demonstrations.select(judged), 64):
+            batch = batch_of(demonstrations, judged[part])
+            total += float(network.loss(batch, code_of(judged[part], batch))) * float(batch.lengths.sum())
+        return total / float(demonstrations.lengths[judged].sum())
+
+    descent.run(network, loss, seed=seed, judge=judge)
+
+
+def positions(count: int, held_out: float, seed: int) -> tuple[IntArray, IntArray]:
+    """Where the training and the held-out episodes stand: about this share of them, at least one of each.
+
+    >>> [part.tolist() for part in positions(4, 0.25, seed=0)]
+    [[0, 1, 3], [2]]
+    """
+    order = np.random.default_rng(seed).permutation(count)
+    taken = min(max(1, round(held_out * count)), count - 1)
+    return np.sort(order[taken:]), np.sort(order[:taken])

@@ -1,0 +1,83 @@
+"""`tvae benchmark`."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from tvae.cli.options import CONSOLE, Flag, Force
+from tvae.experiments.benchmark.benchmark import Plan
+from tvae.experiments.benchmark.benchmark import benchmark as run
+from tvae.experiments.benchmark.cells import QUICK, Budget
+from tvae.experiments.benchmark.methods import METHODS
+from tvae.experiments.benchmark.tasks import TASKS
+
+CORES = os.cpu_count() or 1
+Count = Annotated[int, Parameter(validator=Number(gte=1))]
+Names = Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=True)]
+
+
+def benchmark(
+    *,
+    out: Path,
+    seeds: Count = 5,
+    seed: int = 0,
+    tasks: Names = tuple(TASKS),
+    methods: Names = tuple(METHODS),
+    quick: Flag = False,
+    steps: Count | None = None,
+    episodes: Count | None = None,
+    cells: Path = Path("results/cells"),
+    jobs: Count = CORES,
+    force: Force = False,
+) -> None:
+    """Compare methods on the paper's three tasks: the same demonstrations, worlds and measures for all.
+
+    A cell (method, task, seed) that is there already is not made again, so that a killed command goes on where it
+    was, and seeds, tasks or methods can be added later.
+
+    Parameters
+    ----------
+    out
+        Where the table, the figure and cells/ go.
+    seeds
+        How many seeds.
+    seed
+        The first of them. Methods are tuned on seeds from 100 on, never on those that are reported.
+    tasks
+        Which tasks.
+    methods
+        Which methods.
+    quick
+        One seed, 30 gradient steps, 50 episodes: to see that all of it works.
+    steps
+        The most gradient steps of any method; by default each has its own number.
+    episodes
+        Fresh episodes of each bot, 1000 by default.
+    cells
+        Where finished cells of `tvae reproduce` lie, which our own method reads instead of training.
+    jobs
+        Cells at a time, each on one core.
+    """
+    budget = QUICK if quick else Budget()
+    if steps is not None:
+        budget = replace(budget, most_steps=steps)
+    if episodes is not None:
+        budget = replace(budget, episodes=episodes)
+    plan = Plan(
+        out=out,
+        seeds=range(seed, seed + (1 if quick else seeds)),
+        tasks=tasks,
+        methods=methods,
+        budget=budget,
+        finished=cells,
+        command=shlex.join(["tvae", *sys.argv[1:]]),
+    )
+    run(plan, jobs=jobs, force=force, console=CONSOLE)

@@ -1,0 +1,1 @@
+"""`tvae benchmark`: every method on the same demonstrations and in the same fresh worlds."""

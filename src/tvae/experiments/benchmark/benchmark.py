@@ -1,0 +1,125 @@
+"""The whole benchmark: make the cells that are not there yet, then the table and the figure from all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+
+import torch
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from tvae.errors import TvaeError
+from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
+from tvae.experiments.benchmark.methods import METHODS
+from tvae.experiments.benchmark.table import COLUMNS, Runs, markdown, summaries, write_csv
+from tvae.experiments.benchmark.tasks import TASKS
+from tvae.experiments.progress import counting
+from tvae.figures.benchmark import Bar, benchmark_figure
+from tvae.figures.canvas import save
+from tvae.files import appearing
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to compare, where, and how thoroughly.
+
+    OUT/cells/TASK/METHOD/seed-K/metrics.json holds a cell, OUT/README.md, OUT/benchmark.csv and OUT/benchmark.png
+    (and .svg) what comes of all of them.
+
+    Raises `TvaeError` for a task or a method that there is not; the message says which there are.
+    """
+
+    out: Path
+    seeds: Sequence[int]
+    tasks: Sequence[str] = tuple(TASKS)
+    methods: Sequence[str] = tuple(METHODS)
+    budget: Budget = field(default_factory=Budget)
+    finished: Path = Path("results/cells")
+    command: str = "tvae benchmark"
+
+    def __post_init__(self) -> None:
+        for what, given, there in (("task", self.tasks, TASKS), ("method", self.methods, METHODS)):
+            unknown = [name for name in given if name not in there]
+            if unknown:
+                raise TvaeError(f"there is no {what} {', '.join(unknown)}; there are: {', '.join(there)}")
+        if not self.seeds:
+            raise TvaeError("a benchmark needs at least one seed, got none")
+
+    def methods_of(self, task: str) -> list[str]:
+        """Those of the methods that play this task, in the order of the table."""
+        return [name for name, entry in METHODS.items() if name in self.methods and task in entry.tasks]
+
+    def cells(self, task: str, method: str) -> list[BenchmarkCell]:
+        """One for each seed."""
+        home = self.out / "cells" / task / method
+        return [
+            BenchmarkCell(method, task, seed, home / f"seed-{seed}", self.budget, self.finished) for seed in self.seeds
+        ]
+
+    def all_cells(self) -> list[BenchmarkCell]:
+        """Of all tasks and methods."""
+        return [cell for task in self.tasks for method in self.methods_of(task) for cell in self.cells(task, method)]
+
+
+def benchmark(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
+    """Do all of `plan`, `jobs` cells at a time, each on one core; with `force` make its cells anew.
+
+    Raises `CellError` before anything is learnt where a stored cell is another one than asked for.
+    """
+    cells = plan.all_cells()
+    waiting = cells if force else [cell for cell in cells if not cell.is_measured()]
+    console.print(f"{len(cells)} cells, {len(cells) - len(waiting)} of them done already")
+    make(waiting, jobs=jobs, console=console)
+    write(plan)
+    console.print(f"{plan.out / 'README.md'}", highlight=False)
+
+
+def make(cells: Sequence[BenchmarkCell], *, jobs: int, console: Console) -> None:
+    """Make these cells, each in a process of its own; after the first that fails no other is begun."""
+    workers = ProcessPoolExecutor(min(jobs, max(len(cells), 1)), mp_context=get_context("spawn"), max_tasks_per_child=1)
+    with counting("cells", len(cells), console) as done, workers as pool:
+        results = {pool.submit(_make, cell): cell for cell in cells}
+        try:
+            for count, result in enumerate(as_completed(results), 1):
+                result.result()
+                console.print(f"{results[result].name}: done", highlight=False)
+                done(count)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _make(cell: BenchmarkCell) -> None:
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        cell.run()
+
+
+def write(plan: Plan) -> None:
+    """`README.md`, `benchmark.csv` and the figure, from the cells."""
+    runs: Runs = {
+        task: {method: [cell.read() for cell in plan.cells(task, method)] for method in plan.methods_of(task)}
+        for task in plan.tasks
+        if plan.methods_of(task)
+    }
+    if not runs:
+        raise TvaeError(f"none of {', '.join(plan.methods)} plays {', '.join(plan.tasks)}")
+    plan.out.mkdir(parents=True, exist_ok=True)
+    write_csv(runs, plan.out / "benchmark.csv")
+    with appearing(plan.out / "README.md", overwrite=True) as partial:
+        partial.write_text(markdown(runs, plan.command), encoding="utf-8")
+    panels = {}
+    for task, methods in summaries(runs).items():
+        for head, name, _ in COLUMNS[task]:
+            if name not in {"worst_success", "coverage"}:
+                continue
+            bars = [
+                Bar(METHODS[method].title, found[name]["mean"], found[name]["ci95"])
+                for method, found in methods.items()
+            ]
+            panels[f"{task.capitalize()}: {'worst success' if name == 'worst_success' else head}"] = bars
+    save(benchmark_figure(panels), plan.out / "benchmark")

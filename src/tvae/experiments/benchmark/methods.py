@@ -1,0 +1,75 @@
+"""The methods that are compared, in the order of the table: one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from tvae.baselines.cloning import CloningLSTM, CloningMLP
+from tvae.baselines.contract import Method
+from tvae.baselines.labelled import LabelledCloning
+from tvae.baselines.scripted import Demonstrators
+from tvae.baselines.trivial import Walking, WalkingAttacking
+from tvae.errors import TvaeError
+from tvae.experiments.benchmark.ours import Ours
+from tvae.experiments.benchmark.tasks import TASKS
+
+
+class Need(Enum):
+    """What a method learns from beside demonstrations."""
+
+    LABELS = "labels"
+    ENVIRONMENT = "environment"
+    DEMONSTRATORS = "demonstrators"
+
+
+Maker: TypeAlias = Callable[[str, Path], Method]
+"""Makes a method for a task; the path is where finished cells of `tvae reproduce` lie."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A method as the benchmark lists it."""
+
+    title: str
+    make: Maker
+    needs: tuple[Need, ...] = ()
+    tasks: tuple[str, ...] = tuple(TASKS)
+
+
+def _always(method: Method) -> Maker:
+    return lambda task, cells: method
+
+
+def from_extra(module: str, name: str, extra: str, **hyperparameters: Any) -> Maker:
+    """Makes the method `name` of a module that needs an optional extra.
+
+    The maker raises `TvaeError`, which says what to install, where the extra is missing.
+
+    >>> from_extra("tvae.baselines.cloning", "CloningMLP", "baselines", num_steps=5)("zombie", Path()).num_steps
+    5
+    """
+
+    def make(task: str, cells: Path) -> Method:
+        try:
+            found: Method = getattr(import_module(module), name)(**hyperparameters)
+        except ImportError as error:
+            raise TvaeError(f"{name} needs an extra: pip install 'tvae[{extra}]' ({error})") from error
+        return found
+
+    return make
+
+
+METHODS: Mapping[str, Entry] = {
+    "demonstrators": Entry("Scripted demonstrators", _always(Demonstrators()), (Need.DEMONSTRATORS,)),
+    "walk": Entry("Straight walk", _always(Walking()), tasks=("zombie",)),
+    "walk_attacking": Entry("Straight walk, attacks in range", _always(WalkingAttacking()), tasks=("zombie",)),
+    "cloning_mlp": Entry("Behavioural cloning, MLP", _always(CloningMLP())),
+    "cloning_lstm": Entry("Behavioural cloning, LSTM", _always(CloningLSTM())),
+    "labelled": Entry("Cloning given the true label", _always(LabelledCloning()), (Need.LABELS,)),
+    "ours": Entry("T-VAE (ours)", Ours.of),
+}

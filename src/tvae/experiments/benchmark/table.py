@@ -1,0 +1,118 @@
+"""All cells of a benchmark as one table: CSV for machines, Markdown and a figure to read."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from tvae.evaluate.over_seeds import over_seeds
+from tvae.experiments.benchmark.measures import flat
+from tvae.experiments.benchmark.methods import METHODS, Entry
+from tvae.files import appearing
+
+Runs: TypeAlias = Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]
+"""By task, then by method: the numbers of each seed."""
+
+_EVERYWHERE = (
+    ("controllability", "worst_controllability", 2),
+    ("coverage", "coverage", 2),
+    ("calibration", "calibration", 3),
+    ("fit", "trajectory_fit", 2),
+    ("env steps", "env_steps", 0),
+    ("training, s", "train_seconds", 0),
+    ("ms per action", "ms_per_action", 2),
+)
+COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
+    "navigation": (
+        ("success, worst", "worst_success", 2),
+        ("end distance, worst", "worst_end_distance", 1),
+        ("modes", "modes_recovered", 1),
+        *_EVERYWHERE,
+    ),
+    "circle": (
+        ("success, worst", "worst_success", 2),
+        ("radial error, worst", "worst_radial_error", 3),
+        ("turn, worst", "worst_turn_completed", 2),
+        ("modes", "modes_recovered", 1),
+        *_EVERYWHERE,
+    ),
+    "zombie": (
+        ("success, attack", "success.attack", 3),
+        ("success, avoid", "success.avoid", 3),
+        ("worst", "worst_success", 3),
+        ("at will", "at_will.success", 3),
+        *_EVERYWHERE,
+    ),
+}
+"""Head, number and decimals of each column."""
+_HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit"}
+
+
+def write_csv(runs: Runs, path: Path) -> None:
+    """One row for each number of each cell: `task`, `method`, `seed`, `measure`, `value`."""
+    with appearing(path, overwrite=True) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("task", "method", "seed", "measure", "value"))
+        for task, methods in runs.items():
+            for method, seeds in methods.items():
+                for numbers in seeds:
+                    told = {name: value for name, value in numbers.items() if name not in _HIDDEN}
+                    for name, value in flat(told).items():
+                        writer.writerow((task, method, numbers["cell"]["seed"], name, value))
+
+
+def summaries(runs: Runs) -> dict[str, dict[str, dict[str, Any]]]:
+    """By task and method: means and 95 % intervals over seeds."""
+    return {
+        task: {
+            method: over_seeds([flat({k: v for k, v in run.items() if k not in _HIDDEN}) for run in seeds])
+            for method, seeds in methods.items()
+        }
+        for task, methods in runs.items()
+    }
+
+
+def markdown(runs: Runs, command: str) -> str:
+    """A table for each task, a row for each method."""
+    found = summaries(runs)
+    cells = [run for methods in runs.values() for seeds in methods.values() for run in seeds]
+    budget = cells[0]["cell"]
+    limit = "" if budget["most_steps"] is None else f" **At most {budget['most_steps']} gradient steps: a trial only.**"
+    seeds = sorted({run["cell"]["seed"] for run in cells})
+    lines = [
+        "# Benchmark",
+        "",
+        f"Means over seeds {', '.join(map(str, seeds))} with 95 % intervals (Student's t), {budget['episodes']} fresh",
+        f"episodes of each bot, the same demonstrations and worlds for all methods.{limit}",
+        "`docs/benchmark.md` says what each number means. Made by:",
+        "",
+        "```",
+        command,
+        "```",
+        "",
+        "† cannot be asked for a style: it acts at will whatever one asks for, so that its styles share its episodes.",
+    ]
+    for task, methods in found.items():
+        heads = " | ".join(head for head, _, _ in COLUMNS[task])
+        lines += ["", f"## {task.capitalize()}", "", f"| method | learns from | {heads} |"]
+        lines.append(f"|---{'|---' * (1 + len(COLUMNS[task]))}|")
+        for method, summary in methods.items():
+            mark = "" if summary["asked"]["mean"] else " †"
+            entry = METHODS[method]
+            said = " | ".join(_said(summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
+            lines.append(f"| {entry.title}{mark} | {_needs(entry)} | {said} |")
+    return "\n".join(lines) + "\n"
+
+
+def _needs(entry: Entry) -> str:
+    return ", ".join(need.value for need in entry.needs) or "demonstrations"
+
+
+def _said(number: Mapping[str, Any] | None, decimals: int) -> str:
+    if number is None:
+        return ""
+    ends = number["ci95"]
+    interval = "" if ends is None else f" [{', '.join(f'{end:.{decimals}f}' for end in ends)}]"
+    return f"{number['mean']:.{decimals}f}{interval}"

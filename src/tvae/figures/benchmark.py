@@ -1,0 +1,48 @@
+"""Methods side by side: a panel for each number, a dot with its interval for each method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tvae.figures.canvas import SMALL_TEXT_SIZE, new_figure, plain_axes
+from tvae.figures.palette import INK, RULE, STYLE_COLOURS
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A method's mean, and its 95 % interval where there are several seeds."""
+
+    name: str
+    mean: float
+    interval: Sequence[float] | None
+
+
+def benchmark_figure(panels: Mapping[str, Sequence[Bar]]) -> Figure:
+    """Two panels a row, all between 0 and 1, the methods from top to bottom.
+
+    >>> figure = benchmark_figure({"Zombie: worst success": [Bar("walk", 0.0, None), Bar("T-VAE", 0.99, (0.98, 1.0))]})
+    >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    ['walk', 'T-VAE']
+    """
+    if not panels:
+        raise ValueError("a figure needs at least one panel, got none")
+    rows = (len(panels) + 1) // 2
+    most = max(len(bars) for bars in panels.values())
+    figure = new_figure(8.4, rows * (0.7 + 0.21 * most))
+    for index, (title, bars) in enumerate(panels.items()):
+        axes = plain_axes(figure.add_subplot(rows, 2, index + 1), title=title)
+        places = np.arange(len(bars))
+        axes.hlines(places, 0, 1, color=RULE, linewidth=0.6)
+        for place, bar in zip(places.tolist(), bars, strict=True):
+            if bar.interval is not None:
+                low, high = np.clip(bar.interval, 0, 1)
+                axes.hlines(place, low, high, color=INK, linewidth=1.4)
+            axes.plot(bar.mean, place, "o", color=STYLE_COLOURS[0], markersize=4)
+        axes.set_yticks(places, [bar.name for bar in bars], size=SMALL_TEXT_SIZE, color=INK)
+        axes.set_ylim(len(bars) - 0.5, -0.5)
+        axes.set_xlim(-0.03, 1.03)
+    return figure
