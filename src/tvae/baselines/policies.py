@@ -119,7 +119,10 @@ def clone(
     seed: int,
     held_out: float = 0.1,
 ) -> None:
-    """Train on the log-likelihood of actions; of the evaluated weights those best on a held-out share are kept."""
+    """Train on the log-likelihood of actions; of the evaluated weights those best on a held-out share are kept.
+
+    Where nothing is held out (0), the last weights are kept.
+    """
     training, judged = positions(len(demonstrations), held_out, seed)
     sampler = BucketedSampler(demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), seed)
 
@@ -135,15 +138,17 @@ def clone(
             total += float(network.loss(batch, code_of(judged[part], batch))) * float(batch.lengths.sum())
         return total / float(demonstrations.lengths[judged].sum())
 
-    descent.run(network, loss, seed=seed, judge=judge)
+    descent.run(network, loss, seed=seed, judge=judge if len(judged) else None)
 
 
 def positions(count: int, held_out: float, seed: int) -> tuple[IntArray, IntArray]:
     """Where the training and the held-out episodes stand: about this share of them, at least one of each.
 
+    A share of 0 holds out none.
+
     >>> [part.tolist() for part in positions(4, 0.25, seed=0)]
     [[0, 1, 3], [2]]
     """
     order = np.random.default_rng(seed).permutation(count)
-    taken = min(max(1, round(held_out * count)), count - 1)
+    taken = min(max(1, round(held_out * count)), count - 1) if held_out else 0
     return np.sort(order[taken:]), np.sort(order[:taken])

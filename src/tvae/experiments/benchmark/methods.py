@@ -9,10 +9,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from tvae.baselines.act import ActionChunks
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
 from tvae.baselines.contract import Method
+from tvae.baselines.dagger import DAgger
+from tvae.baselines.flow import FlowMatching
+from tvae.baselines.from_observation import CloningFromObservation
+from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
 from tvae.baselines.scripted import Demonstrators
+from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.baselines.trivial import Walking, WalkingAttacking
 from tvae.errors import TvaeError
 from tvae.experiments.benchmark.ours import Ours
@@ -70,6 +76,14 @@ METHODS: Mapping[str, Entry] = {
     "walk_attacking": Entry("Straight walk, attacks in range", _always(WalkingAttacking()), tasks=("zombie",)),
     "cloning_mlp": Entry("Behavioural cloning, MLP", _always(CloningMLP())),
     "cloning_lstm": Entry("Behavioural cloning, LSTM", _always(CloningLSTM())),
+    "act": Entry("Action chunks, VAE (ACT-like)", _always(ActionChunks())),
+    "flow": Entry("Action chunks, flow matching", _always(FlowMatching())),
+    "from_observation": Entry("Cloning from observation", _always(CloningFromObservation()), (Need.ENVIRONMENT,)),
+    "state_vae": Entry("State-only trajectory VAE", _always(StateTrajectoryVAE())),
+    "indexed": Entry("Code for each trajectory (ZBC)", _always(IndexedCloning())),
     "labelled": Entry("Cloning given the true label", _always(LabelledCloning()), (Need.LABELS,)),
+    "dagger": Entry(
+        "DAgger given the true label", _always(DAgger()), (Need.LABELS, Need.ENVIRONMENT, Need.DEMONSTRATORS)
+    ),
     "ours": Entry("T-VAE (ours)", Ours.of),
 }

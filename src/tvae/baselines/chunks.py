@@ -1,0 +1,111 @@
+"""Policies that decide on the next k actions at once: what they learn from, and how they act.
+
+At step t such a policy sees the present state and its last change, x_t = [s_t; d_t], and gives a_t .. a_{t+k-1}, of
+which the first few are taken before it is asked again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from tvae.baselines.descending import CPU
+from tvae.baselines.senses import Senses
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.ragged import ranges
+from tvae.device import seeded
+from tvae.spaces import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """B moments of demonstrations."""
+
+    inputs: Float[Tensor, "B X"]
+    """x_t"""
+    actions: Float[Tensor, "B K A"]
+    """The next k actions, as values."""
+    valid: Bool[Tensor, "B K"]
+    """Which of them there are: an episode may end before."""
+
+
+class ChunkData:
+    """All moments of some demonstrations.
+
+    >>> from tvae.envs.zombie import zombie_demonstrations
+    >>> demonstrations = zombie_demonstrations(2)
+    >>> data = ChunkData(demonstrations, Senses.fit(demonstrations), num_actions=4)
+    >>> chunk = data.at(np.array([0, len(data) - 1]))
+    >>> chunk.actions.shape, chunk.valid.sum(1).tolist()
+    (torch.Size([2, 4, 2]), [4, 1])
+    """
+
+    def __init__(self, demonstrations: Demonstrations, senses: Senses, *, num_actions: int) -> None:
+        lengths = demonstrations.lengths
+        steps = np.arange(int(lengths.sum())) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        rows = demonstrations.observations[ranges(demonstrations.observation_starts, lengths)]
+        features = senses(torch.from_numpy(rows).float())
+        before = features[np.arange(len(rows)) - (steps > 0)]
+        self._inputs = torch.cat([features, senses.changes(features, before)], dim=-1)
+        actions = demonstrations.actions[ranges(demonstrations.action_starts, lengths)]
+        self._actions = senses.actions.values(torch.from_numpy(actions).float())
+        self._left = np.repeat(lengths, lengths) - steps
+        self._num_actions = num_actions
+
+    def __len__(self) -> int:
+        return len(self._inputs)
+
+    def at(self, moments: IntArray) -> Chunk:
+        """The moments at these positions."""
+        ahead = np.arange(self._num_actions)
+        valid = ahead < self._left[moments][:, None]
+        index = np.where(valid, moments[:, None] + ahead, moments[:, None])
+        return Chunk(self._inputs[moments], self._actions[index], torch.from_numpy(valid))
+
+    def drawn(self, count: int) -> Chunk:
+        """Moments at random, by torch's generator."""
+        return self.at(torch.randint(len(self), (count,)).numpy())
+
+
+@runtime_checkable
+class Proposer(Protocol):
+    """A network that gives the next k actions."""
+
+    senses: Senses
+
+    def propose(self, inputs: Float[Tensor, "N X"]) -> Float[Tensor, "N K A"]:
+        """Values of the next k actions of N episodes."""
+        ...
+
+
+class ChunkPolicy:
+    """A `Policy`: takes the first `num_taken` actions of each proposal, then asks for the next."""
+
+    def __init__(self, network: Proposer, num_taken: int) -> None:
+        self.network = network
+        self.num_taken = num_taken
+
+    def reset(self, num_episodes: int, seed: int) -> None:
+        """Begin `num_episodes` new episodes."""
+        self._random = np.random.default_rng(seed)
+        self._last: Tensor | None = None
+        self._planned: list[Tensor] = []
+
+    @torch.inference_mode()
+    def act(self, observations: FloatArray) -> FloatArray:
+        """(N, A) actions."""
+        senses = self.network.senses
+        features = senses(torch.from_numpy(observations).float())
+        if not self._planned:
+            last = features if self._last is None else self._last
+            inputs = torch.cat([features, senses.changes(features, last)], dim=-1)
+            with seeded(int(self._random.integers(2**62)), CPU):
+                proposed = self.network.propose(inputs)
+            self._planned = list(proposed[:, : self.num_taken].unbind(1))
+        self._last = features
+        return senses.actions.raw(self._planned.pop(0)).double().numpy()

@@ -1,0 +1,133 @@
+"""Action chunks by flow matching: noise is carried to actions along a learnt field, given the present state.
+
+Source: Lipman et al., "Flow matching for generative modeling" (ICLR 2023, arXiv 2210.02747), in the place of
+denoising in the receding-horizon scheme of Chi et al., "Diffusion policy" (RSS 2023, arXiv 2303.04137). For a chunk a
+and noise e, y_u = (1 - u) e + u a, 0 <= u <= 1, and v is fitted to its direction:
+
+    L = E || v(y_u, u, x_t) - (a - e) ||^2;     acting: y_0 ~ N(0, I), y <- y + v(y, u, x_t) / n, n times.
+
+Actions are carried as numbers, angles as (cos, sin), binary ones as +-1, categories as one-hot; the end is read back
+by atan2, sign and the largest. The mode is drawn anew with each chunk: no style can be asked for, none persists.
+Deviation: an MLP instead of a U-net or a transformer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from tvae.baselines.chunks import Chunk, ChunkData, ChunkPolicy
+from tvae.baselines.contract import Bots, Lesson
+from tvae.baselines.descending import CPU, Descent, num_parameters
+from tvae.baselines.policies import positions
+from tvae.baselines.senses import Senses
+from tvae.device import seeded
+from tvae.spaces import Space
+
+_FREQUENCIES = 8
+
+
+def read_back(space: Space, features: Float[Tensor, "*batch F"]) -> Float[Tensor, "*batch C"]:
+    """Values whose features (`tvae.data.normalizer`) these are closest to.
+
+    >>> from tvae.spaces import Angular, Binary
+    >>> read_back(Space((Binary("attack"), Angular("heading"))), torch.tensor([0.0, 2.0, 0.3])).tolist()
+    [1.0, 1.5707963705062866]
+    """
+    num_continuous, num_angular = len(space.continuous), len(space.angular)
+    sizes = [num_continuous, num_angular, num_angular, len(space.binary), *space.num_categories]
+    numbers, cos, sin, signs, *one_hot = features.split(sizes, dim=-1)
+    values = features.new_empty(*features.shape[:-1], space.num_columns)
+    values[..., space.continuous] = numbers
+    values[..., space.angular] = torch.atan2(sin, cos)
+    values[..., space.binary] = (signs > 0).to(features.dtype)
+    for column, weights in zip(space.categorical.tolist(), one_hot, strict=True):
+        values[..., column] = weights.argmax(-1).to(features.dtype)
+    return values
+
+
+class FlowNetwork(nn.Module):
+    """v(y, u, x_t), and the actions that it leads to."""
+
+    def __init__(self, senses: Senses, *, num_actions: int, hidden_features: int, num_euler_steps: int) -> None:
+        super().__init__()
+        self.senses = senses
+        self.num_actions = num_actions
+        self.num_euler_steps = num_euler_steps
+        self.width = num_actions * senses.actions.num_features
+        self.field = nn.Sequential(
+            nn.Linear(self.width + 2 * _FREQUENCIES + 2 * senses.num_features, hidden_features),
+            nn.SiLU(),
+            nn.Linear(hidden_features, hidden_features),
+            nn.SiLU(),
+            nn.Linear(hidden_features, hidden_features),
+            nn.SiLU(),
+            nn.Linear(hidden_features, self.width),
+        )
+
+    def forward(
+        self, y: Float[Tensor, "N W"], u: Float[Tensor, "N 1"], inputs: Float[Tensor, "N X"]
+    ) -> Float[Tensor, "N W"]:
+        """v(y, u, x_t)."""
+        angles = u * math.pi * torch.arange(1, _FREQUENCIES + 1, device=u.device)
+        return self.field(torch.cat([y, angles.cos(), angles.sin(), inputs], dim=-1))
+
+    def loss(self, chunk: Chunk) -> Float[Tensor, ""]:
+        """L, over the actions that there are."""
+        target = self.senses.actions.features(chunk.actions)
+        valid = chunk.valid[..., None].expand_as(target).flatten(1)
+        target = target.flatten(1)
+        noise, u = torch.randn_like(target), torch.rand(len(target), 1)
+        found = self((1 - u) * noise + u * target, u, chunk.inputs)
+        return ((found - (target - noise)).square() * valid).sum() / valid.sum()
+
+    def propose(self, inputs: Float[Tensor, "N X"]) -> Float[Tensor, "N K A"]:
+        """Noise, carried to actions by Euler's method."""
+        y = torch.randn(len(inputs), self.width)
+        for step in range(self.num_euler_steps):
+            u = torch.full((len(inputs), 1), step / self.num_euler_steps)
+            y = y + self(y, u, inputs) / self.num_euler_steps
+        return read_back(self.senses.actions.space, y.unflatten(-1, (self.num_actions, -1)))
+
+
+@dataclass(frozen=True)
+class FlowMatching:
+    """Cloning of chunks by flow matching."""
+
+    num_actions: int = 8
+    num_taken: int = 4
+    num_euler_steps: int = 10
+    hidden_features: int = 256
+    batch_size: int = 256
+    num_steps: int = 6_000
+    learning_rate: float = 1e-3
+
+    def learn(self, lesson: Lesson) -> Bots:
+        """One bot, without a style to be asked for."""
+        demonstrations, senses = lesson.demonstrations, Senses.fit(lesson.demonstrations)
+        with seeded(lesson.seed, CPU):
+            network = FlowNetwork(
+                senses,
+                num_actions=self.num_actions,
+                hidden_features=self.hidden_features,
+                num_euler_steps=self.num_euler_steps,
+            )
+        training, judged = (
+            ChunkData(demonstrations.select(part), senses, num_actions=self.num_actions)
+            for part in positions(len(demonstrations), 0.1, lesson.seed)
+        )
+        everything = judged.at(np.arange(len(judged)))
+        descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
+        descent.run(
+            network,
+            lambda step: network.loss(training.drawn(self.batch_size)),
+            seed=lesson.seed,
+            judge=lambda: float(network.loss(everything)),
+        )
+        facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)}
+        return Bots(ChunkPolicy(network, self.num_taken), facts=facts)

@@ -1,0 +1,130 @@
+"""A trajectory VAE whose encoder reads states alone, with a policy and a dynamics model that remember nothing.
+
+Source: Wang et al., "Robust imitation of diverse behaviors" (NeurIPS 2017, arXiv 1707.02747), its first stage,
+without the adversarial one: q(z | s_1:T) by a bidirectional LSTM, pi(a_t | s_t, z) by an MLP, p(s_t+1 | s_t, z), and
+
+    L = - E_q[ sum_t log pi(a_t | s_t, z) + log p(s_t+1 | s_t, z) ] + KL(q(z | s_1:T) || N(0, I)).
+
+At will, z is the posterior's mean of a training trajectory drawn for each episode; a style is asked for by the
+trajectories that carry its label. Deviations: a mixture as the next state's law instead of a WaveNet over its
+columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.distributions import Normal
+
+from tvae.baselines.contract import AnyOf, Bots, Lesson, by_label
+from tvae.baselines.descending import CPU, Descent, num_parameters
+from tvae.baselines.policies import MemorylessTrunk, NetworkPolicy, PolicyNetwork, positions
+from tvae.baselines.senses import Senses
+from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
+from tvae.data.demonstrations import Demonstrations
+from tvae.device import seeded
+from tvae.heads import Head
+from tvae.model.calibration import spread, typical
+from tvae.model.encoder import Encoder
+from tvae.model.latent import StandardNormal
+from tvae.spaces import FloatArray
+
+_STATE_FLOOR = 0.1
+"""Smallest standard deviation of a next state, in typical changes, as in our own state decoder."""
+
+
+class StateVAE(nn.Module):
+    """q(z | s_1:T), pi(a_t | s_t, z) and p(s_t+1 | s_t, z)."""
+
+    def __init__(self, senses: Senses, *, latent_features: int, hidden_features: int, num_components: int) -> None:
+        super().__init__()
+        self.encoder = Encoder(senses.num_features, latent_features, hidden_features)
+        trunk = MemorylessTrunk(senses.num_features, latent_features, hidden_features)
+        self.policy = PolicyNetwork(senses, trunk, num_components=num_components)
+        self.dynamics = MemorylessTrunk(senses.num_features, latent_features, hidden_features)
+        self.next_state = Head(
+            senses.observations.space, hidden_features, floor=_STATE_FLOOR, num_components=num_components
+        )
+        self.prior = StandardNormal(latent_features)
+
+    def calibrate(self, demonstrations: Demonstrations) -> None:
+        """Measure the typical change of each signal in one step."""
+        counts = demonstrations.lengths - 1 + demonstrations.final_observed
+        before = spread(demonstrations.observation_starts, counts)
+        there, here = (
+            self.policy.senses.observations.values(torch.from_numpy(demonstrations.observations[at]).float())
+            for at in (before + 1, before)
+        )
+        change = there - here
+        angular = demonstrations.observation_space.angular
+        change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
+        self.next_state.unit.copy_(typical(change))
+
+    def posterior(self, batch: TrajectoryBatch) -> Normal:
+        """q(z | s_1:T), batch shape (B, Z)."""
+        return self.encoder(self.policy.senses(batch.observations), batch.lengths)
+
+    def loss(self, batch: TrajectoryBatch) -> Float[Tensor, ""]:
+        """L, in nats per step."""
+        senses, posterior = self.policy.senses, self.posterior(batch)
+        z = posterior.rsample()
+        actions, _ = self.policy(batch.observations, z)
+        features, _ = self.dynamics(senses(batch.observations), z)
+        states = self.next_state(features, senses.observations.values(batch.observations))
+        done = (actions.log_prob(senses.actions.values(batch.actions)) * batch.mask).sum()
+        came = (states.log_prob(senses.observations.values(batch.next_observations)) * batch.next_known).sum()
+        return (self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
+
+    @torch.no_grad()
+    def codes(self, demonstrations: Demonstrations) -> FloatArray:
+        """(E, Z) posterior means."""
+        found = np.zeros((len(demonstrations), self.encoder.parameters_of_law.out_features // 2))
+        for episodes in ordered_batches(demonstrations, 64):
+            found[episodes] = self.posterior(batch_of(demonstrations, episodes)).mean.double().numpy()
+        return found
+
+
+@dataclass(frozen=True)
+class StateTrajectoryVAE:
+    """The state-only trajectory VAE of Wang et al."""
+
+    latent_features: int = 8
+    hidden_features: int = 64
+    num_components: int = 3
+    num_steps: int = 3_000
+    learning_rate: float = 3e-3
+
+    def learn(self, lesson: Lesson) -> Bots:
+        """Bots with the posterior means of training trajectories."""
+        demonstrations, senses = lesson.demonstrations, Senses.fit(lesson.demonstrations)
+        with seeded(lesson.seed, CPU):
+            model = StateVAE(
+                senses,
+                latent_features=self.latent_features,
+                hidden_features=self.hidden_features,
+                num_components=self.num_components,
+            )
+        model.calibrate(demonstrations)
+        training, judged = positions(len(demonstrations), 0.1, lesson.seed)
+        sampler = BucketedSampler(
+            demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), lesson.seed
+        )
+        held_out = demonstrations.select(judged)
+        parts = list(ordered_batches(held_out, 64))
+        descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
+        descent.run(
+            model,
+            lambda step: model.loss(batch_of(demonstrations, training[sampler.episodes(step)])),
+            seed=lesson.seed,
+            judge=lambda: float(np.mean([float(model.loss(batch_of(held_out, part))) for part in parts])),
+        )
+        codes = model.codes(demonstrations)
+        return Bots(
+            NetworkPolicy(model.policy, AnyOf(codes)),
+            {label: NetworkPolicy(model.policy, code) for label, code in by_label(codes, lesson).items()},
+            {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(model)},
+        )
