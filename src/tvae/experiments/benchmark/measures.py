@@ -10,7 +10,7 @@ among the demonstrations, and n_k the number of their episodes that show style k
 | `calibration`     | 1/2 sum_k abs(p_k - q_k), the total variation distance: 0 is best                          |
 | `coverage`        | - sum_k r_k log_K r_k, r_k = n_k / sum n, the behaviour entropy of D3IL: 1 is best         |
 | `modes_recovered` | number of styles with n_k at least 1 in 20 episodes                                        |
-| `trajectory_fit`  | mean over statistics of W1(bots', held-out demonstrations') / std of the latter: 0 is best |
+| `trajectory_fit`  | mean over statistics of W1(bots, held-out demonstrations) / std of both together: 0 is best |
 | `ms_per_action`   | median time of one action in one episode at a time, milliseconds                           |
 
 Bots that are *asked* for a style: `success.STYLE` is the share of their episodes that succeed in it, and
@@ -103,18 +103,19 @@ def entropy(counts: FloatArray) -> float:
 
 
 def trajectory_fit(episodes: Demonstrations, demonstrations: Demonstrations) -> float:
-    """Mean over statistics (`tvae.evaluate.statistics`, outcomes left out) of W1 / std among the demonstrations.
+    """Mean over statistics (`tvae.evaluate.statistics`, outcomes left out) of W1 / std.
 
-    A statistic that is the same in all demonstrations has no scale and is left out.
+    std is that of the equal mixture of both sets, so that each distance is at most 2, and a statistic that hardly
+    differs among demonstrations cannot drown the others. One that is constant in both sets fits.
     """
     theirs, wanted = EpisodeStatistics.of(episodes), EpisodeStatistics.of(demonstrations)
     distances = []
     for statistic in wanted.statistics:
         if statistic.is_outcome or statistic.name not in theirs.names:
             continue
-        told = wanted[statistic.name]
-        if told.std() > 1e-9 * max(1.0, float(np.abs(told).max())):
-            distances.append(earth_mover(theirs[statistic.name], told) / float(told.std()))
+        did, told = theirs[statistic.name], wanted[statistic.name]
+        std = float(np.sqrt((did.var() + told.var()) / 2 + (did.mean() - told.mean()) ** 2 / 4))
+        distances.append(earth_mover(did, told) / std if std > 1e-9 * max(1.0, float(np.abs(told).max())) else 0.0)
     return float(np.mean(distances))
 
 

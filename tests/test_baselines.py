@@ -1,0 +1,242 @@
+"""Baselines: one contract for all methods, and what each must be able to learn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from toys import ACTIONS, noise, rows, two_styles
+from tvae.baselines.act import ActionChunks
+from tvae.baselines.chunks import ChunkPolicy
+from tvae.baselines.cloning import CloningLSTM, CloningMLP
+from tvae.baselines.contract import Bots, Lesson, Method
+from tvae.baselines.counting import StepCounter
+from tvae.baselines.dagger import corrected
+from tvae.baselines.descending import Descent
+from tvae.baselines.flow import FlowMatching, read_back
+from tvae.baselines.from_observation import CloningFromObservation, InverseModel
+from tvae.baselines.indexed import IndexedCloning
+from tvae.baselines.labelled import LabelledCloning
+from tvae.baselines.policies import positions
+from tvae.baselines.senses import Senses
+from tvae.baselines.state_vae import StateTrajectoryVAE
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.normalizer import Normalizer
+from tvae.envs.circle import circle_demonstrations
+from tvae.envs.navigation import NavigationVectorEnv, navigation_demonstrations
+from tvae.envs.zombie import StraightWalk, StraightWalkAttacking, ZombieAttackVectorEnv, zombie_demonstrations
+from tvae.errors import TvaeError
+from tvae.experiments.benchmark.cells import hyperparameters
+from tvae.experiments.benchmark.methods import METHODS, Need, from_extra
+from tvae.experiments.benchmark.tasks import TASKS
+from tvae.rollouts import Policy, rollout
+
+FEW = {"navigation": navigation_demonstrations, "circle": circle_demonstrations, "zombie": zombie_demonstrations}
+STEPS = 4
+PLAYED = [(method, task) for method, entry in METHODS.items() for task in entry.tasks]
+
+
+def made(method: str, task: str = "zombie") -> Method:
+    found = METHODS[method].make(task, Path("nowhere"))
+    small = {"num_rounds": 2, "num_episodes": 3} if "num_rounds" in hyperparameters(found) else {}
+    return replace(found, **small)
+
+
+def lesson(task: str, demonstrations: Demonstrations | None = None, seed: int = 0) -> Lesson:
+    return Lesson(demonstrations or FEW[task](24), TASKS[task].world, seed, STEPS)
+
+
+def actions_of(policy: Policy, task: str) -> np.ndarray:
+    envs = TASKS[task].world.envs(5)
+    observation_space = FEW[task](4).observation_space
+    policy.reset(5, seed=3)
+    seen = np.stack([episode.observations[:4] for episode in FEW[task](5, 9)], axis=1)
+    assert observation_space.num_columns == seen.shape[-1]
+    envs.close()
+    return np.stack([policy.act(observations) for observations in seen])
+
+
+# One contract
+
+
+@pytest.mark.filterwarnings("ignore::tvae.train.loop.TrainingWarning")
+@pytest.mark.parametrize(("method", "task"), PLAYED)
+def test_every_method_keeps_the_contract(method: str, task: str):
+    entry, first = METHODS[method], lesson(task)
+    bots = made(method, task).learn(first)
+    assert isinstance(bots, Bots)
+    assert set(bots.by_style) in (set(), set(TASKS[task].labels))
+    space = first.demonstrations.action_space
+    for policy in (bots.at_will, *bots.by_style.values()):
+        done = actions_of(policy, task)
+        assert done.shape == (4, 5, space.num_columns)
+        assert space.first_problem(done.reshape(-1, space.num_columns)) is None
+        np.testing.assert_array_equal(actions_of(policy, task), done)  # reset begins anew; randomness is the seed's
+    assert (first.steps.count > 0) == (Need.ENVIRONMENT in entry.needs)
+    assert bots.facts.get("gradient_steps", 0) <= 2 * STEPS
+    assert hyperparameters(made(method, task)) == hyperparameters(made(method, task))
+
+
+@pytest.mark.filterwarnings("ignore::tvae.train.loop.TrainingWarning")
+@pytest.mark.parametrize("method", [name for name, entry in METHODS.items() if Need.DEMONSTRATORS not in entry.needs])
+def test_the_same_lesson_gives_the_same_bots_and_labels_teach_only_those_who_say_so(method: str):
+    demonstrations = zombie_demonstrations(24)
+    done = actions_of(made(method).learn(lesson("zombie", demonstrations)).at_will, "zombie")
+    again = actions_of(made(method).learn(lesson("zombie", demonstrations)).at_will, "zombie")
+    np.testing.assert_array_equal(done, again)
+    shuffled = np.random.default_rng(1).permutation(demonstrations.attribute("label"))
+    other = lesson("zombie", demonstrations.with_attributes({"label": shuffled}))
+    changed = actions_of(made(method).learn(other).at_will, "zombie")
+    assert np.array_equal(done, changed) == (Need.LABELS not in METHODS[method].needs)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        CloningMLP(),
+        CloningLSTM(),
+        LabelledCloning(),
+        ActionChunks(),
+        FlowMatching(),
+        IndexedCloning(),
+        StateTrajectoryVAE(),
+    ],
+    ids=lambda method: type(method).__name__,
+)
+def test_every_kind_of_signal_can_be_learnt(method: Method):
+    demonstrations = noise([3, 9, 5, 7]).with_attributes({"label": np.array(["a", "b", "a", "b"])})
+    bots = method.learn(Lesson(demonstrations, TASKS["zombie"].world, most_steps=2))
+    bots.at_will.reset(3, seed=0)
+    for observations in np.stack([demonstrations[i].observations[:3] for i in (0, 1, 2)], axis=1):
+        assert ACTIONS.first_problem(bots.at_will.act(observations)) is None
+
+
+# What each must be able to learn
+
+
+def line(method: Method, **budget: int) -> Bots:
+    """Learnt from walks on a line, half to the left and half to the right, in steps of about 1."""
+    return replace(method, **budget).learn(Lesson(two_styles(60), TASKS["zombie"].world))
+
+
+def moves(policy: Policy, count: int = 200) -> np.ndarray:
+    policy.reset(count, seed=0)
+    return policy.act(np.zeros((count, 1)))[:, 0]
+
+
+@pytest.mark.parametrize("method", [LabelledCloning(), IndexedCloning(), StateTrajectoryVAE()])
+def test_who_can_be_asked_for_a_style_shows_it(method: Method):
+    bots = line(method, num_steps=400)
+    assert (moves(bots.by_style["left"]) < 0).mean() > 0.9
+    assert (moves(bots.by_style["right"]) > 0).mean() > 0.9
+    assert 0.3 < (moves(bots.at_will) > 0).mean() < 0.7
+
+
+@pytest.mark.parametrize("method", [CloningMLP(), CloningLSTM(), FlowMatching()])
+def test_who_cannot_be_asked_has_both_styles_and_nothing_between(method: Method):
+    done = moves(line(method, num_steps=600).at_will)
+    assert 0.25 < (done > 0).mean() < 0.75
+    assert (np.abs(np.abs(done) - 1) < 0.5).mean() > 0.85
+
+
+def test_chunks_without_a_latent_are_the_average():
+    done = moves(line(ActionChunks(num_actions=2), num_steps=300).at_will)
+    assert abs(done.mean()) < 0.4
+    assert 0.6 < done.std() < 1.4  # one law for both sides: it is wide
+
+
+def test_a_chunk_is_asked_for_when_the_last_is_used_up():
+    class Counting:
+        senses = Senses.fit(two_styles(4))
+        asked = 0
+
+        def propose(self, inputs: torch.Tensor) -> torch.Tensor:
+            self.asked += 1
+            return torch.full((len(inputs), 3, 1), float(self.asked))
+
+    network = Counting()
+    policy = ChunkPolicy(network, num_taken=2)
+    policy.reset(2, seed=0)
+    values = [policy.act(np.zeros((2, 1))) for _ in range(5)]
+    raw = network.senses.actions.raw(torch.tensor([[1.0], [1.0], [2.0], [2.0], [3.0]]))
+    np.testing.assert_allclose(np.stack(values)[:, 0], raw.numpy(), rtol=1e-6)
+
+
+def test_values_are_read_back_from_their_features():
+    values = torch.from_numpy(rows(ACTIONS, 50, np.random.default_rng(0))).float()
+    read = read_back(ACTIONS, Normalizer(ACTIONS).features(values))
+    torch.testing.assert_close(read, values)
+
+
+def test_the_inverse_model_sees_where_one_went():
+    demonstrations = navigation_demonstrations(6)
+    envs = NavigationVectorEnv(20)
+    own = rollout(envs, _Wandering(), 20)
+    inverse = InverseModel(Senses.fit(demonstrations), 64)
+    CloningFromObservation(learning_rate=5e-3)._invert(inverse, own, 400, seed=0)
+    with torch.no_grad():
+        found = inverse(inverse.inputs(demonstrations)).mode().numpy()
+    off = np.abs(np.angle(np.exp(1j * (found - demonstrations.actions))))
+    assert np.median(off) < 0.1
+
+
+class _Wandering:
+    def reset(self, num_episodes: int, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        return self._random.uniform(-np.pi, np.pi, (len(observations), 1))
+
+
+def test_dagger_keeps_the_learners_states_and_the_demonstrators_actions():
+    first = lesson("zombie")
+    episodes = corrected(first, "attack", StraightWalk(), 30, seed=4)
+    assert {episode.attributes["label"] for episode in episodes} == {"attack"}
+    for episode in episodes:
+        to_goal = np.diff(episode.observations[:, 0])
+        np.testing.assert_allclose(to_goal[:5], -0.5, atol=1e-9)  # the learner walks straight
+    attacks = np.array([episode.actions[:, 0].sum() for episode in episodes])
+    assert attacks.max() > 1  # it is told again and again, since it never attacks
+    assert first.steps.count >= sum(len(episode) for episode in episodes)
+
+
+# Parts
+
+
+def test_steps_are_counted_but_not_the_restarts():
+    steps = StepCounter()
+    episodes = rollout(steps.of(ZombieAttackVectorEnv(40)), StraightWalkAttacking(), 40, seed=1)
+    assert set(episodes.lengths.tolist()) == {14}  # the same straight way for all
+    assert steps.count == 40 * 14
+    rollout(steps.of(NavigationVectorEnv(3)), _Wandering(), 3)
+    assert steps.count == 40 * 14 + 300
+
+
+def test_descent_keeps_the_weights_that_were_judged_best():
+    weight = torch.nn.Linear(1, 1, bias=False)
+    torch.nn.init.zeros_(weight.weight)
+    judged: list[float] = []
+
+    def judge() -> float:
+        judged.append(weight.weight.item())
+        return abs(weight.weight.item() - 0.5)
+
+    descent = Descent(num_steps=60, learning_rate=0.1, evaluate_every=1)
+    descent.run(weight, lambda step: (weight.weight - 2).square().sum(), seed=0, judge=judge)
+    assert weight.weight.item() == min(judged, key=lambda value: abs(value - 0.5)) != judged[-1]
+    with pytest.raises(FloatingPointError, match="step 1"):
+        descent.run(weight, lambda step: weight.weight.sum() * float("nan"), seed=0)
+
+
+def test_nothing_is_held_out_where_nothing_is_to_be():
+    training, judged = positions(5, 0.0, seed=0)
+    assert (training.tolist(), judged.tolist()) == ([0, 1, 2, 3, 4], [])
+
+
+def test_a_missing_extra_is_said():
+    with pytest.raises(TvaeError, match=r"pip install 'tvae\[gail\]'"):
+        from_extra("tvae_has_no_such_module", "GAIL", "gail")("zombie", Path())
