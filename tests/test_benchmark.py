@@ -1,0 +1,194 @@
+"""The benchmark: what an episode shows, what is measured of bots, cells made once, and the files at the end."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from tvae.baselines.contract import Bots, Lesson
+from tvae.baselines.scripted import Demonstrators
+from tvae.data.demonstrations import Demonstrations
+from tvae.envs.circle import ConstantTurn, circle_demonstrations
+from tvae.envs.navigation import navigation_demonstrations
+from tvae.envs.zombie import StraightWalk, StraightWalkAttacking, zombie_demonstrations
+from tvae.errors import TvaeError
+from tvae.experiments.benchmark import benchmark as module
+from tvae.experiments.benchmark.benchmark import Plan, benchmark, write
+from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
+from tvae.experiments.benchmark.measures import entropy, measure, play, trajectory_fit
+from tvae.experiments.benchmark.tasks import TASKS
+from tvae.experiments.reproduction.cells import CellError
+from tvae.experiments.reproduction.studies import STUDIES
+from tvae.figures.benchmark import Bar, benchmark_figure
+
+DEMONSTRATIONS = {
+    "navigation": navigation_demonstrations,
+    "circle": circle_demonstrations,
+    "zombie": zombie_demonstrations,
+}
+QUIET = Console(quiet=True)
+
+
+# What an episode shows
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_demonstrations_show_their_label_and_succeed_in_it_alone(task: str):
+    demonstrations, labels = DEMONSTRATIONS[task](120), np.array(TASKS[task].labels)
+    shown = labels[TASKS[task].shown(demonstrations)]
+    assert shown.tolist() == demonstrations.attribute("label").tolist()
+    succeeded = TASKS[task].succeeded(demonstrations)
+    own = succeeded[np.arange(len(demonstrations)), TASKS[task].shown(demonstrations)]
+    assert own.mean() > 0.94
+    assert succeeded.sum() == own.sum()
+
+
+def test_a_constant_turn_drifts_off_the_circle_that_it_shows():
+    episodes = play(ConstantTurn(-10.0), TASKS["circle"], 40, seed=100)
+    assert (TASKS["circle"].shown(episodes) == 1).mean() > 0.9
+    numbers = TASKS["circle"].numbers(episodes, "right_10")
+    assert 0.05 < numbers["radial_error"] < 0.4
+    assert TASKS["circle"].succeeded(episodes)[:, 1].mean() < 0.9
+
+
+def test_walkers_around_a_circle_are_cut_to_one_turn():
+    bots = play(TASKS["circle"].world.demonstrators["left_10"](), TASKS["circle"], 5, seed=100)
+    assert set(bots.lengths.tolist()) == {126}
+    assert set(TASKS["circle"].as_demonstrated(bots).lengths.tolist()) == {63}
+
+
+# What is measured
+
+
+def zombie(bots: Bots) -> dict:
+    return measure(bots, TASKS["zombie"], zombie_demonstrations(100, seed=1), episodes=400, seed=100)
+
+
+def test_demonstrators_do_all_that_is_asked():
+    lesson = Lesson(zombie_demonstrations(60), TASKS["zombie"].world)
+    found = zombie(Demonstrators().learn(lesson))
+    assert found["asked"] == 1
+    assert found["worst_success"] == found["worst_controllability"] == found["at_will"]["success"] == 1
+    assert found["coverage"] > 0.98
+    assert found["calibration"] < 0.08
+    assert found["trajectory_fit"] < 0.2
+    assert found["modes_recovered"] == 2
+    assert found["ms_per_action"] > 0
+
+
+def test_straight_walks_are_measured_as_the_task_says():
+    peaceful, armed = zombie(Bots(StraightWalk())), zombie(Bots(StraightWalkAttacking()))
+    assert peaceful["success"]["attack"] == peaceful["coverage"] == 0
+    assert peaceful["success"]["avoid"] == pytest.approx(0.53, abs=0.08)
+    assert peaceful["controllability"] == {"attack": 0, "avoid": 1}
+    assert peaceful["calibration"] == pytest.approx(0.5)
+    assert "attack" not in peaceful["attacks_per_episode"]
+    assert armed["success"]["attack"] == pytest.approx(0.47, abs=0.08)
+    assert sum(armed["success"].values()) == pytest.approx(armed["at_will"]["success"])
+    assert armed["asked"] == 0
+
+
+def test_the_behaviour_entropy_of_known_shares():
+    assert entropy(np.array([1.0, 1.0, 1.0])) == pytest.approx(1)
+    assert entropy(np.array([3.0, 1.0])) == pytest.approx(0.811278)
+
+
+def test_trajectory_fit_by_hand():
+    demonstrations = zombie_demonstrations(60)
+    assert trajectory_fit(demonstrations, demonstrations) == 0
+    near, far = zombie_demonstrations(60, seed=3), play(StraightWalk(), TASKS["zombie"], 60, seed=100)
+    assert 0 < trajectory_fit(near, demonstrations) < trajectory_fit(far, demonstrations) < 2
+
+
+# Cells and files
+
+
+@pytest.fixture
+def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+    few = partial(zombie_demonstrations, 20)
+    monkeypatch.setitem(
+        STUDIES, "zombie", replace(STUDIES["zombie"], demonstrations=few, test_demonstrations=partial(few, 100))
+    )
+    return Plan(tmp_path, (100, 101), ("zombie",), ("walk_attacking", "walk"), Budget(2, 20), tmp_path / "none")
+
+
+def in_this_process(cells: Sequence[BenchmarkCell], **options: object) -> None:
+    for cell in cells:
+        cell.run()
+
+
+def test_a_cell_is_made_once_and_keeps_its_budget(plan: Plan, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "make", in_this_process)
+    benchmark(plan, jobs=1, force=False, console=QUIET)
+    stored = plan.cells("zombie", "walk")[0]
+    cell = stored.read()
+    assert cell["cell"] == {
+        "method": "walk",
+        "task": "zombie",
+        "seed": 100,
+        "most_steps": 2,
+        "episodes": 20,
+        "config": {},
+    }
+    assert cell["env_steps"] == 0
+    assert cell["train_seconds"] >= 0
+    before = stored.numbers.stat().st_mtime_ns
+    benchmark(plan, jobs=1, force=False, console=QUIET)
+    assert stored.numbers.stat().st_mtime_ns == before
+    benchmark(plan, jobs=1, force=True, console=QUIET)
+    assert stored.numbers.stat().st_mtime_ns > before
+    other = BenchmarkCell("walk", "zombie", 100, stored.directory, Budget(2, 30), stored.finished)
+    with pytest.raises(CellError, match="episodes differs"):
+        other.is_measured()
+
+
+def test_all_files_hold_all_cells(plan: Plan):
+    in_this_process(plan.all_cells())
+    write(plan)
+    with (plan.out / "benchmark.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["method"], row["seed"]) for row in rows} == {
+        (method, seed) for method in ("walk", "walk_attacking") for seed in ("100", "101")
+    }
+    page = (plan.out / "README.md").read_text()
+    assert "| Straight walk † | demonstrations | 0.000 [0.000, 0.000] |" in page
+    assert "a trial only" in page
+    assert page.index("Straight walk †") < page.index("Straight walk, attacks in range †")
+    assert (plan.out / "benchmark.png").stat().st_size > 1000
+    assert (plan.out / "benchmark.svg").exists()
+
+
+def test_what_there_is_not_is_said(tmp_path: Path):
+    with pytest.raises(TvaeError, match=r"no method gail; there are: demonstrators, walk"):
+        Plan(tmp_path, (0,), methods=("gail",))
+    with pytest.raises(TvaeError, match="no task chess"):
+        Plan(tmp_path, (0,), tasks=("chess",))
+    with pytest.raises(TvaeError, match="at least one seed"):
+        Plan(tmp_path, ())
+    with pytest.raises(TvaeError, match="none of walk plays circle"):
+        write(Plan(tmp_path, (0,), ("circle",), ("walk",)))
+
+
+def test_a_failing_cell_says_which_it_is(plan: Plan, monkeypatch: pytest.MonkeyPatch):
+    def fail(*arguments: object, **options: object) -> Demonstrations:
+        raise RuntimeError("no world")
+
+    monkeypatch.setattr("tvae.experiments.benchmark.cells.measure", fail)
+    with pytest.raises(CellError, match="zombie, walk, seed 100: RuntimeError: no world"):
+        plan.cells("zombie", "walk")[0].run()
+    assert not plan.cells("zombie", "walk")[0].numbers.exists()
+
+
+def test_the_figure_shows_every_method_and_its_interval():
+    bars = [Bar("walk", 0.0, None), Bar("ours", 0.9, (0.8, 1.2))]
+    figure = benchmark_figure({"a": bars, "b": bars, "c": bars[:1]})
+    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 1]
+    with pytest.raises(ValueError, match="at least one panel"):
+        benchmark_figure({})
