@@ -41,6 +41,7 @@ class IndexedCloning:
             trunk = ReactiveTrunk(senses.num_features, self.latent_features, self.hidden_features)
             network = PolicyNetwork(senses, trunk, num_components=self.num_components)
             table = nn.Embedding(len(lesson.demonstrations), self.latent_features)
+            nn.init.normal_(table.weight, std=0.1)  # near each other, so that what differs is learnt
         network.add_module("table", table)
 
         def code_of(episodes: IntArray, batch: TrajectoryBatch) -> Tensor:

@@ -19,7 +19,7 @@ from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError, commit
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.run_directory import read_json, write_json
-from tvae.train.loop import TrainingWarning
+from tvae.train.diagnosis import TrainingWarning
 
 
 @dataclass(frozen=True)
