@@ -63,7 +63,7 @@ def actions_of(policy: Policy, task: str) -> np.ndarray:
 # One contract
 
 
-@pytest.mark.filterwarnings("ignore::tvae.train.loop.TrainingWarning")
+@pytest.mark.filterwarnings("ignore::tvae.train.diagnosis.TrainingWarning")
 @pytest.mark.parametrize(("method", "task"), PLAYED)
 def test_every_method_keeps_the_contract(method: str, task: str):
     entry, first = METHODS[method], lesson(task)
@@ -81,7 +81,7 @@ def test_every_method_keeps_the_contract(method: str, task: str):
     assert hyperparameters(made(method, task)) == hyperparameters(made(method, task))
 
 
-@pytest.mark.filterwarnings("ignore::tvae.train.loop.TrainingWarning")
+@pytest.mark.filterwarnings("ignore::tvae.train.diagnosis.TrainingWarning")
 @pytest.mark.parametrize("method", [name for name, entry in METHODS.items() if Need.DEMONSTRATORS not in entry.needs])
 def test_the_same_lesson_gives_the_same_bots_and_labels_teach_only_those_who_say_so(method: str):
     demonstrations = zombie_demonstrations(24)
