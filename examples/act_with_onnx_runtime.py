@@ -30,7 +30,8 @@ def play(exported: Path, style_name: str, episodes: int, seed: int = 0) -> float
         z = rng.normal(members["means"][one], members["deviations"][one])
         memory, over = np.zeros((1, sizes["memory"]), dtype=np.float32), False
         while not over:
-            given = {"observation": observation[None], "z": z[None], "noise": rng.random((1, sizes["noise"]))}
+            noise = rng.random((1, sizes["noise"]), dtype=np.float32)
+            given = {"observation": observation[None], "z": z[None], "noise": noise}
             given = {name: array.astype(np.float32) for name, array in given.items()}
             given |= {"memory": memory, "most_likely": np.zeros(1, dtype=np.float32)}
             action, memory = session.run(["action", "memory_out"], given)

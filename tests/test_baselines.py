@@ -77,7 +77,7 @@ def test_every_method_keeps_the_contract(method: str, task: str):
         assert space.first_problem(done.reshape(-1, space.num_columns)) is None
         np.testing.assert_array_equal(actions_of(policy, task), done)  # reset begins anew; randomness is the seed's
     assert (first.steps.count > 0) == (Need.ENVIRONMENT in entry.needs)
-    assert bots.facts.get("gradient_steps", 0) <= 2 * STEPS
+    assert bots.facts.get("gradient_steps", 0) <= STEPS
     assert hyperparameters(made(method, task)) == hyperparameters(made(method, task))
 
 

@@ -299,3 +299,30 @@ def test_a_graph_that_differs_is_not_written(tmp_path: Path, monkeypatch: pytest
 def test_styles_without_a_label_have_a_name() -> None:
     found = tvae.Playstyles.from_pretrained("zombie").styles
     assert [style.name for style in named_styles(found, {}, {})] == ["style 0", "style 1"]
+
+
+def test_numbers_that_round_to_one_give_what_the_largest_below_one_gives() -> None:
+    """Hosts that draw in double precision and store in single may pass a 1."""
+    one, below = torch.ones(1), torch.full((1,), 1 - 2.0**-24)
+    assert normal(one, torch.zeros(1)) == normal(below, torch.zeros(1))
+    padded = torch.tensor([[0.2, 0.3, 0.5, 0.0, 0.0], [0.7, 0.2, 0.1, 0.0, 0.0]])
+    assert category(torch.ones(2), padded / padded.sum(-1, keepdim=True)).tolist() == [2, 2]
+
+
+def test_a_graph_stays_finite_at_one(tmp_path: Path) -> None:
+    model = model_of("numbers")
+    export_onnx(model, tmp_path / "model")
+    step = PolicyStep(model)
+    inputs = {port.name: draw(model, port, np.random.default_rng(0), 3, 1) for port in step.inputs}
+    inputs["noise"] = np.ones_like(inputs["noise"])
+    found = open_session(tmp_path / "model" / "policy_step.onnx")(inputs)
+    assert np.isfinite(found["action"]).all()
+
+
+def test_another_manifest_is_left_alone(tmp_path: Path) -> None:
+    """A web page has a file of that name too."""
+    (tmp_path / "manifest.json").write_text('{"name": "a page"}', encoding="utf-8")
+    (tmp_path / "index.html").write_text("kept", encoding="utf-8")
+    with pytest.raises(FileExistsError, match="is no export"):
+        export_onnx(model_of("window 1"), tmp_path, overwrite=True)
+    assert (tmp_path / "index.html").read_text(encoding="utf-8") == "kept"

@@ -52,9 +52,11 @@ class DAgger:
             network = PolicyNetwork(senses, trunk, num_components=self.num_components)
         asked = {label: np.eye(len(labels))[[index]] for index, label in enumerate(labels)}
         gathered = list(_plain(lesson.demonstrations))
-        steps = max(1, lesson.limited(self.num_steps) // (self.num_rounds + 1))
-        seeds = np.random.default_rng(lesson.seed).integers(2**31, size=(self.num_rounds + 1, len(labels) + 1))
-        for turn in range(self.num_rounds + 1):
+        allowed = lesson.limited(self.num_steps)
+        turns = min(self.num_rounds + 1, allowed)
+        steps = allowed // turns
+        seeds = np.random.default_rng((lesson.seed, 1)).integers(2**31, size=(turns, len(labels) + 1))
+        for turn in range(turns):
             if turn:
                 for label, seed in zip(labels, seeds[turn, 1:].tolist(), strict=True):
                     learner = NetworkPolicy(network, AnyOf(asked[label]))
@@ -66,7 +68,7 @@ class DAgger:
         return Bots(
             NetworkPolicy(network, AnyOf(np.eye(len(labels))[lesson.label_index])),
             {label: NetworkPolicy(network, AnyOf(code)) for label, code in asked.items()},
-            {"gradient_steps": steps * (self.num_rounds + 1), "num_parameters": num_parameters(network)},
+            {"gradient_steps": steps * turns, "num_parameters": num_parameters(network)},
         )
 
 

@@ -117,19 +117,23 @@ class CloningFromObservation:
             network = PolicyNetwork(senses, trunk, num_components=self.num_components)
         actor: Policy = _Anything(senses, self.binary_rate)
         gathered: list[Trajectory] = []
-        rates = [max(1, lesson.limited(steps) // self.num_rounds) for steps in (self.inverse_steps, self.num_steps)]
-        for seed in np.random.default_rng(lesson.seed).integers(2**31, size=self.num_rounds).tolist():
+        planned = self.inverse_steps + self.num_steps
+        allowed = lesson.limited(planned)
+        rounds = max(1, min(self.num_rounds, allowed // 2))
+        inverting = max(1, allowed * self.inverse_steps // (planned * rounds))
+        cloning = max(1, allowed // rounds - inverting)
+        for seed in np.random.default_rng((lesson.seed, 1)).integers(2**31, size=rounds).tolist():
             envs = lesson.steps.of(lesson.world.envs(self.num_episodes))
             gathered += _plain(rollout(envs, actor, self.num_episodes, seed=seed))
             own = Demonstrations.from_trajectories(
                 gathered, demonstrations.observation_space, demonstrations.action_space
             )
-            self._invert(inverse, own, rates[0], seed)
+            self._invert(inverse, own, inverting, seed)
             inferred = _inferred(inverse, demonstrations)
-            clone(network, inferred, no_code, Descent(rates[1], self.learning_rate), seed=seed)
+            clone(network, inferred, no_code, Descent(cloning, self.learning_rate), seed=seed)
             actor = NetworkPolicy(network, NoCode())
         facts = {
-            "gradient_steps": self.num_rounds * sum(rates),
+            "gradient_steps": rounds * (inverting + cloning),
             "num_parameters": num_parameters(network) + num_parameters(inverse),
         }
         return Bots(actor, facts=facts)

@@ -1,8 +1,8 @@
-"""Behavioural cloning that is told the true label: what a method could reach that finds the styles without fault.
+"""Behavioural cloning that is told the true label: cloning as it could be if the styles were found without fault.
 
 Source: goal- and label-conditioned imitation, as in Codevilla et al., "End-to-end driving via conditional imitation
-learning" (ICRA 2018, arXiv 1710.02410). pi(a_t | s_1:t, c), c the label as one of K; an upper bound, not a rival: no
-other method but the demonstrators and DAgger sees labels.
+learning" (ICRA 2018, arXiv 1710.02410). pi(a_t | s_1:t, c), c the label as one of K. Not a rival: no other method but
+the demonstrators and DAgger sees labels. Not a bound either: ours has events, windows and more gradient steps.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def benchmark(
     seeds
         How many seeds.
     seed
-        The first of them. Methods are tuned on seeds from 100 on, never on those that are reported.
+        The first of them. Whoever tunes a method does so on seeds from 100 on, which are not reported.
     tasks
         Which tasks.
     methods

@@ -10,7 +10,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.findings import Findings
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import read_json
-from tvae.export.bundle import MANIFEST, Export, export_onnx, graphs
+from tvae.export.bundle import Export, export_onnx, graphs
 from tvae.export.manifest import NamedStyle, named_styles
 from tvae.model.tvae import TrajectoryVAE
 from tvae.pretrained import pretrained_directory
@@ -32,14 +32,12 @@ def styles_of(directory: Path) -> tuple[NamedStyle, ...]:
 def export(name: str, out: Path, *, force: bool, console: Console) -> Export:
     """Export the run or model in a directory, or the shipped model of this name.
 
-    Raises `FileExistsError` for `out` that exists unless `force`, and also then if no export wrote it.
+    Raises `FileExistsError` for `out` that exists unless `force`, and also then where it is no export.
     """
     directory = pretrained_directory(name)
     model = TrajectoryVAE.load(directory)
     if out.exists() and not force:
         raise FileExistsError(f"{out} exists already; choose another --out, or replace it with --force")
-    if out.exists() and not (out / MANIFEST).is_file():
-        raise FileExistsError(f"{out} is not an export (no {MANIFEST}), so --force leaves it alone")
     styles = styles_of(directory)
     with counting("graphs", len(graphs(model)), console) as done:
         return export_onnx(model, out, styles, overwrite=force, on_graph=done)

@@ -8,7 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
-from tvae.export.manifest import NamedStyle, Written, manifest
+from tvae.export.manifest import FORMAT, NamedStyle, Written, manifest
 from tvae.export.parity import check_parity
 from tvae.export.policy import PolicyStep
 from tvae.export.ports import Graph
@@ -33,6 +33,15 @@ class Export:
         return max(written.largest_difference for written in self.files)
 
 
+def is_export(directory: Path) -> bool:
+    """Whether the directory holds the manifest of an export; a web page may have a file of that name too."""
+    try:
+        found = json.loads((directory / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("format") == FORMAT
+
+
 def graphs(model: TrajectoryVAE) -> tuple[Graph, ...]:
     """The graphs of a model: the policy's step, the state decoder, and the encoder of a model that has a latent."""
     encoder: tuple[Graph, ...] = (EncoderGraph(model),) if model.latent_features else ()
@@ -53,9 +62,11 @@ def export_onnx(
     are done.
 
     Raises `ExportError` where a package is missing or the two differ by more than 1e-5, and `FileExistsError` for a
-    directory that exists unless `overwrite`.
+    directory that exists unless `overwrite`, and also then where it is no export.
     """
     directory = Path(directory)
+    if overwrite and directory.exists() and not is_export(directory):
+        raise FileExistsError(f"{directory} is no export (its {MANIFEST} is not of one), and is left alone")
     frozen = deepcopy(model).cpu().float().eval()
     written = []
     with appearing(directory, overwrite=overwrite) as partial:

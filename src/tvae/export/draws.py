@@ -1,6 +1,7 @@
 """Draws as functions of uniform numbers, so that a graph draws without a random generator of its own.
 
-Every function takes uniform numbers u in [0, 1) and uses arithmetic alone: no loop whose length depends on values.
+Every function takes uniform numbers u in [0, 1) and uses arithmetic alone: no loop whose length depends on values. A 1,
+which hosts may make of a number just below it in single precision, does no harm.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+SMALLEST = 2.0**-24
+"""What a uniform number of single precision is at least below 1."""
 CELLS = 64
 EDGE = 1e-6
 """The share of the outermost tails that counts as its edge."""
@@ -22,7 +25,7 @@ def normal(radius: Float[Tensor, "*batch"], angle: Float[Tensor, "*batch"]) -> F
     >>> normal(torch.tensor([0.1, 0.5]), torch.tensor([0.3, 0.0])).mul(100).round().tolist()
     [-14.0, 118.0]
     """
-    return torch.sqrt(-2 * torch.log(1 - radius)) * torch.cos(2 * math.pi * angle)
+    return torch.sqrt(-2 * torch.log((1 - radius).clamp(min=SMALLEST))) * torch.cos(2 * math.pi * angle)
 
 
 def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
@@ -51,8 +54,11 @@ def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*b
 def category(uniform: Float[Tensor, "*#batch"], probabilities: Float[Tensor, "*#batch K"]) -> Int[Tensor, ...]:
     """The category in which u falls when they stand side by side, each as wide as it is probable.
 
+    At u = 1 it is the last one that is probable at all.
+
     >>> category(torch.tensor([0.1, 0.5, 0.99]), torch.tensor([0.2, 0.0, 0.8])).tolist()
     [0, 2, 2]
     """
-    edges = probabilities.cumsum(-1)[..., :-1]
-    return (uniform[..., None] >= edges).to(torch.int64).sum(-1)
+    up_to = probabilities.cumsum(-1)
+    edges = up_to[..., :-1]
+    return ((uniform[..., None] >= edges) & (edges < up_to[..., -1:])).to(torch.int64).sum(-1)

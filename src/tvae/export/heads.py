@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from tvae.data.normalizer import Normalizer
-from tvae.export.draws import CELLS, EDGE
+from tvae.export.draws import CELLS, EDGE, SMALLEST
 from tvae.export.layers import linear
 from tvae.export.sheet import Value
 from tvae.heads import Head
@@ -81,7 +81,7 @@ def chosen(head: Head, law: Law, noise: Value, most_likely: Value, rank: int) ->
         law = _of_component(head, law, _component(law["weights"], which, certain, head.num_components), rank)
     parts: list[Value] = []
     if radius is not None and turn is not None:
-        length = ((1.0 - radius).apply("Log") * -2.0).apply("Sqrt")
+        length = (sheet.node("Max", 1.0 - radius, SMALLEST).apply("Log") * -2.0).apply("Sqrt")
         away = law["deviation"] * length * (turn * (2 * math.pi)).apply("Cos")
         parts.append(law["mean"] + sheet.where(certain, 0.0, away))
     if angles is not None:
@@ -114,8 +114,10 @@ def _category(uniform: Value, probabilities: Value, count: int) -> Value:
     sheet = uniform.sheet
     if count == 1:
         return uniform * 0.0
-    edges = sheet.node("CumSum", probabilities, np.array(-1)).columns(np.arange(count - 1))
-    beyond = sheet.node("GreaterOrEqual", uniform, edges).number()
+    up_to = sheet.node("CumSum", probabilities, np.array(-1))
+    edges = up_to.columns(np.arange(count - 1))
+    inner = sheet.node("Less", edges, up_to.columns([count - 1])).number()
+    beyond = sheet.node("GreaterOrEqual", uniform, edges).number() * inner
     return sheet.node("ReduceSum", beyond, np.array([-1]), keepdims=1)
 
 

@@ -18,6 +18,7 @@ from tvae.export.sequences import StateDecoderGraph
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import Angular, Binary, Categorical, Signal, Space, kind_name
 
+FORMAT = "tvae-onnx"
 SCHEMA_VERSION = 1
 _ACT = (
     "At the start of an episode: draw z from the style (see styles.z) and set memory to zeros.",
@@ -58,7 +59,7 @@ class Written:
 def manifest(model: TrajectoryVAE, files: Sequence[Written], styles: Sequence[NamedStyle]) -> dict[str, Any]:
     """The content of `manifest.json`, plain data."""
     return {
-        "format": "tvae-onnx",
+        "format": FORMAT,
         "schema_version": SCHEMA_VERSION,
         "tvae_version": __version__,
         "opset": OPSET,

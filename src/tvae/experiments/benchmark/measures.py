@@ -11,13 +11,13 @@ among the demonstrations, and n_k the number of their episodes that show style k
 | `coverage`        | - sum_k r_k log_K r_k, r_k = n_k / sum n, the behaviour entropy of D3IL: 1 is best         |
 | `modes_recovered` | number of styles with n_k at least 1 in 20 episodes                                        |
 | `trajectory_fit`  | mean over statistics of W1(bots, held-out demonstrations) / std of both together: 0 is best |
-| `ms_per_action`   | median time of one action in one episode at a time, milliseconds                           |
+| `ms_per_action`   | mean time of one action in one episode at a time, milliseconds; planning ahead is shared out |
 
 Bots that are *asked* for a style: `success.STYLE` is the share of their episodes that succeed in it, and
 `controllability.STYLE` the share that shows it. A method that cannot be asked acts at will whatever one asks for, and
 these are the shares of its episodes at will: of K styles, they add up to 1 at most. `asked` says which it was, 1 or 0.
 The task's further numbers are of the episodes that were asked for a style, or else of those at will that show it; where
-there is none, there is no number. `worst_...` is over styles.
+there is none, there is no number. `worst_...` is over styles, and only there where each of them has a number.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def measure(bots: Bots, task: Task, test: Demonstrations, *, episodes: int, seed
         for name, value in (task.numbers(theirs, label) if len(theirs) else {}).items():
             _put(found, name, label, value)
     for name, worst in _WORST.items():
-        if name in found:
+        if set(found.get(name, ())) == set(task.labels):
             found[f"worst_{name}"] = worst(found[name].values())
     count = len(task.labels)
     frequency = np.bincount(shown, minlength=count) / len(will)
@@ -120,7 +120,7 @@ def trajectory_fit(episodes: Demonstrations, demonstrations: Demonstrations) -> 
 
 
 def milliseconds(policy: Policy, test: Demonstrations) -> float:
-    """Median time of `act` in one episode at a time, on observations of the test demonstrations, in order."""
+    """Mean time of `act` in one episode at a time, on observations of the test demonstrations, in order."""
     seconds: list[float] = []
     index = 0
     while len(seconds) < _TIMED + _WARMING:
@@ -130,7 +130,7 @@ def milliseconds(policy: Policy, test: Demonstrations) -> float:
             policy.act(row[None])
             seconds.append(time.perf_counter() - began)
         index += 1
-    return 1000 * float(np.median(seconds[_WARMING:]))
+    return 1000 * float(np.mean(seconds[_WARMING:]))
 
 
 def flat(found: Mapping[str, Any], path: str = "") -> dict[str, float]:

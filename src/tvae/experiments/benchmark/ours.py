@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,22 +46,25 @@ class Ours:
         return cls(task, STUDIES[task].presets["default"], cells)
 
     def learn(self, lesson: Lesson) -> Bots:
-        """A bot of each label: of the found style that bears it, or else of the posteriors of those episodes."""
+        """A bot of each label: of the found style that bears it, or of any style where none was found for it."""
         read = None if lesson.most_steps is not None else self._finished(lesson.seed)
-        subject = self._trained(lesson) if read is None else read.subject()
-        steps = Effort(lesson.most_steps).config(self.config, lesson.seed).training.num_steps
-        facts = {
-            "gradient_steps": min(steps, lesson.limited(steps)),
+        subject, steps = self._trained(lesson) if read is None else (read.subject(), None)
+        named = [label for label in lesson.labels if subject.is_found(label)]
+        facts: dict[str, Any] = {
             "num_parameters": num_parameters(subject.model),
             "styles_found": len(subject.playstyles),
+            "labels_found": len(named),
+            **({} if steps is None else {"gradient_steps": steps}),
         }
         if read is not None:
             numbers = read.read()
             facts |= {name: numbers[name] for name in ("train_seconds", "trained_at_commit") if name in numbers}
             facts["from_reproduction"] = True
+        anyhow = AnyStyle(subject.playstyles)
+        latents = {label: subject.latents(label) if label in named else anyhow for label in lesson.labels}
         return Bots(
-            LatentPolicy(subject.model, AnyStyle(subject.playstyles)),
-            {label: LatentPolicy(subject.model, subject.latents(label)) for label in lesson.labels},
+            LatentPolicy(subject.model, anyhow),
+            {label: LatentPolicy(subject.model, latent) for label, latent in latents.items()},
             facts,
         )
 
@@ -72,15 +76,19 @@ class Ours:
         except CellError:
             return None
 
-    def _trained(self, lesson: Lesson) -> Subject:
+    def _trained(self, lesson: Lesson) -> tuple[Subject, int]:
+        """The model and its styles, and the gradient steps taken."""
         config = self.config if lesson.most_steps is None else Effort(lesson.most_steps).config(self.config, 0)
         config = replace(config, seed=lesson.seed)
         with tempfile.TemporaryDirectory() as scratch:
             checkpoint = Path(scratch) / "checkpoint.safetensors"
-            model, _ = trained(lesson.demonstrations, config, checkpoint=checkpoint, device="cpu", observer=Observer())
+            model, records = trained(
+                lesson.demonstrations, config, checkpoint=checkpoint, device="cpu", observer=Observer()
+            )
         playstyles = find_playstyles(encode(model, lesson.demonstrations), seed=lesson.seed)
         findings = Findings(playstyles, names_of(playstyles, lesson.demonstrations), {})
-        return Subject(model, lesson.demonstrations, findings, lesson.demonstrations, lesson.seed, episodes=1)
+        subject = Subject(model, lesson.demonstrations, findings, lesson.demonstrations, lesson.seed, episodes=1)
+        return subject, records[-1].step
 
 
 @dataclass(frozen=True, eq=False)

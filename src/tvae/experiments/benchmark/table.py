@@ -93,6 +93,7 @@ def markdown(runs: Runs, command: str) -> str:
         "```",
         "",
         "† cannot be asked for a style: it acts at will whatever one asks for, so that its styles share its episodes.",
+        *_remarks(cells),
     ]
     for task, methods in found.items():
         heads = " | ".join(head for head, _, _ in COLUMNS[task])
@@ -104,6 +105,18 @@ def markdown(runs: Runs, command: str) -> str:
             said = " | ".join(_said(summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
             lines.append(f"| {entry.title}{mark} | {_needs(entry)} | {said} |")
     return "\n".join(lines) + "\n"
+
+
+def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What a reader should know of the cells: warnings of a training, and that they are of several commits."""
+    warned = [
+        f"Warning, {cell['cell']['task']}, {cell['cell']['method']}, seed {cell['cell']['seed']}: {warning}"
+        for cell in cells
+        for warning in cell.get("warnings", ())
+    ]
+    commits = sorted({cell.get("commit") or "unknown" for cell in cells})
+    several = [f"These cells were made at several commits: {', '.join(commits)}."] if len(commits) > 1 else []
+    return [line for remark in (*several, *warned) for line in ("", remark)]
 
 
 def _needs(entry: Entry) -> str:
