@@ -2,7 +2,7 @@
 
 Source: goal- and label-conditioned imitation, as in Codevilla et al., "End-to-end driving via conditional imitation
 learning" (ICRA 2018, arXiv 1710.02410). pi(a_t | s_1:t, c), c the label as one of K. Not a rival: no other method but
-the demonstrators and DAgger sees labels. Not a bound either: ours has events, windows and more gradient steps.
+the demonstrators and DAgger sees labels. Not a bound either: ours has events, windows and more steps.
 """
 
 from __future__ import annotations

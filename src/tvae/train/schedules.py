@@ -77,8 +77,8 @@ RAISED = Piecewise(((0.0, 1.0), (0.4, 1.0), (0.5, 1.5)))
 class Budget:
     """Holds KL near `nats`: log beta rises while KL is above it and falls while it is below.
 
-    log beta <- log beta + rate clip((KL - nats) / nats, -1, 1), kept between `lowest` and `highest`; until `begin` of the
-    training, beta is 1 so that z first learns everything it can (Rezende and Viola 2018 and Shao et al. 2020
+    log beta <- log beta + rate clip((KL - nats) / nats, -1, 1), kept between `lowest` and `highest`; until `begin` of
+    the training, beta is 1 so that z first learns everything it can (Rezende and Viola 2018 and Shao et al. 2020
     control a VAE's divergence in the same spirit).
     """
 
