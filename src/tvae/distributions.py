@@ -2,7 +2,7 @@
 
 The laws of single columns are torch's. A row's law is a `Joint`, p(x) = prod_c p_c(x_c), or a `Mixture` of K of
 them, p(x) = sum_k w_k prod_c p_kc(x_c), whose columns depend on each other through k. Both answer `log_prob`,
-`sample` and `mode`, on the values that `tvae.data.normalizer` calls *values*.
+`log_prob_by_column` (the marginals), `sample` and `mode`, on the values that `tvae.data.normalizer` calls *values*.
 """
 
 from __future__ import annotations
@@ -27,6 +27,10 @@ class RowDistribution(Protocol):
 
     def log_prob(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch"]:
         """Log-density of each row, in nats."""
+        ...
+
+    def log_prob_by_column(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        """Marginal log-density of every column on its own, in nats."""
         ...
 
     def sample(self) -> Float[Tensor, "*batch C"]:
@@ -157,8 +161,24 @@ class Mixture:
 
     def log_prob(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch"]:
         """Log-density of each row, in nats."""
-        spread = values.unsqueeze(-2).expand(*values.shape[:-1], self.weights.logits.shape[-1], values.shape[-1])
-        return torch.logsumexp(self.weights.logits + self.components.log_prob(spread), dim=-1)
+        return torch.logsumexp(self.weights.logits + self.components.log_prob(self._spread(values)), dim=-1)
+
+    def log_prob_by_column(self, values: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        """Marginal log-density of every column, log sum_k w_k p_kc(x_c), in nats.
+
+        They add up to `log_prob` only where the columns do not depend on each other.
+
+        >>> weights = Categorical(probs=torch.tensor([0.5, 0.5]))
+        >>> coins = Bernoulli(probs=torch.tensor([[0.0, 0.0], [1.0, 1.0]]))  # equal coins: both 0, or both 1
+        >>> law = Mixture(weights, Joint(2, (Columns(torch.tensor([0, 1]), coins),)))
+        >>> law.log_prob_by_column(torch.tensor([1.0, 1.0])).exp(), law.log_prob(torch.tensor([1.0, 1.0])).exp()
+        (tensor([0.5000, 0.5000]), tensor(0.5000))
+        """
+        by_column = self.components.log_prob_by_column(self._spread(values))
+        return torch.logsumexp(self.weights.logits.unsqueeze(-1) + by_column, dim=-2)
+
+    def _spread(self, values: Tensor) -> Tensor:
+        return values.unsqueeze(-2).expand(*values.shape[:-1], self.weights.logits.shape[-1], values.shape[-1])
 
     def _of(self, rows: Tensor, component: Tensor) -> Tensor:
         index = component[..., None, None].expand(*component.shape, 1, rows.shape[-1])

@@ -61,7 +61,7 @@ def load_demonstrations(
     demonstrations = _read(source)
     try:
         demonstrations = with_kinds(demonstrations, kinds_by_column(angular, continuous, categorical))
-        _check_spaces(demonstrations, observation_space, action_space)
+        check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:
         raise DataError(f"{source}: {error}") from None
     return demonstrations
@@ -91,9 +91,18 @@ def _read(source: str | Path) -> Demonstrations:
     raise DataError(f"{source}: no such file, no such directory, and {tried}")
 
 
-def _check_spaces(
+def check_spaces(
     demonstrations: Demonstrations, observation_space: Space | None, action_space: Space | None
 ) -> None:
+    """Raise `DataError` with what was needed and what came where demonstrations have other signals than these.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> from tvae.spaces import Angular
+    >>> walk = from_arrays([[[0.0], [1.0]]], [[[1.0]]])
+    >>> check_spaces(walk, None, Space((Angular("heading"),)))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    tvae.data.trajectory.DataError: actions differ from what is expected: signal 0 is angular ('heading') against ...
+    """
     for what, wanted, got in (
         ("observations", observation_space, demonstrations.observation_space),
         ("actions", action_space, demonstrations.action_space),

@@ -9,6 +9,7 @@ import torch
 
 from tvae.data.batches import batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.sources import check_spaces
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
@@ -54,6 +55,8 @@ class Posteriors:
 def encode(model: TrajectoryVAE, demonstrations: Demonstrations, batch_size: int = 64) -> Posteriors:
     """The posterior of every episode, in the order of `demonstrations`, without dropout.
 
+    Raises `DataError` for demonstrations of other signals than the model's.
+
     >>> from tvae.data.trajectory import Trajectory
     >>> from tvae.spaces import Continuous, Space
     >>> x, dx = Space((Continuous("x"),)), Space((Continuous("dx"),))
@@ -61,6 +64,7 @@ def encode(model: TrajectoryVAE, demonstrations: Demonstrations, batch_size: int
     >>> encode(TrajectoryVAE(x, dx), Demonstrations.from_trajectories(walks, x, dx)).means.shape
     (3, 2)
     """
+    check_spaces(demonstrations, model.observation_space, model.action_space)
     was_training = model.training
     model.eval()
     means = np.empty((len(demonstrations), model.latent_features))

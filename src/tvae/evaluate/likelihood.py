@@ -26,7 +26,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.model.elbo import policy_log_likelihood, state_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import cut, policy_windows, whole
+from tvae.model.windows import policy_windows, state_windows
 from tvae.spaces import FloatArray
 
 
@@ -75,7 +75,7 @@ def _log_weights(
     """log p(tau | z) p(z) / q(z | tau) at each sample, of everything and of the actions alone."""
     posterior = model.posterior(batch)
     for_policy = policy_windows(model, batch)
-    for_state = whole(batch) if model.window is None else cut(batch.lengths, model.window, 0)
+    for_state = state_windows(model, batch)
     everything, actions = [], []
     for _ in range(num_samples):
         z = posterior.sample()

@@ -15,12 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.distributions import Normal
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from tvae.data.batches import TrajectoryBatch
+from tvae.distributions import RowDistribution
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows
 
@@ -47,39 +48,76 @@ class Elbo:
         return self.policy + state_weight * self.state + self.stop - beta * self.kl
 
 
-def policy_log_likelihood(
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The law that a decoder gives the rows in windows before they come, and the rows that came."""
+
+    law: RowDistribution
+    """Batch shape (R, W)"""
+    values: Float[Tensor, "R W C"]
+    """What came, as `tvae.data.normalizer` calls values"""
+    counts: Bool[Tensor, "R W"]
+    """Where a row has a term: once for each step that has one"""
+
+
+def used_events(model: TrajectoryVAE, batch: TrajectoryBatch) -> Bool[Tensor, "B N"]:
+    """E: which events occur in each trajectory."""
+    return model.events.used(_recorded(batch))
+
+
+def _recorded(batch: TrajectoryBatch) -> Float[Tensor, "B T A"]:
+    return torch.where(batch.mask[..., None], batch.actions, torch.zeros_like(batch.actions))
+
+
+def predicted_actions(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
-) -> Float[Tensor, " B"]:
-    """The policy term of each trajectory at `z`; in each window the decoder starts without memory."""
+) -> Predicted:
+    """pi(a_t | s_1:t, z) at `z`, given which events occur; in each window the decoder starts without memory."""
     at = (windows.trajectory[:, None], windows.steps)
-    recorded = torch.where(batch.mask[..., None], batch.actions, torch.zeros_like(batch.actions))
-    used, done = model.events.used(recorded), model.events.done(recorded)
+    used, done = used_events(model, batch), model.events.done(_recorded(batch))
     inputs = model.policy_decoder_inputs(batch.observations[at], done[at])
     law = model.events.given(
         model.policy_decoder(inputs, z[windows.trajectory]), used[windows.trajectory][:, None]
     )
-    terms = law.log_prob(model.action_normalizer.values(batch.actions[at]))
-    return _total(terms, windows.valid, windows, batch) + model.events.log_prob(z, used)
+    return Predicted(law, model.action_normalizer.values(batch.actions[at]), windows.valid)
+
+
+def predicted_states(
+    model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
+) -> tuple[Predicted, Float[Tensor, "R W"]]:
+    """p(s_t+1 | s_1:t, z) at `z`, and log p(end_t | s_1:t, z), which is 0 for a model without the stop term."""
+    at = (windows.trajectory[:, None], windows.steps)
+    values = model.observation_normalizer.values(batch.observations[at])
+    states = model.observation_normalizer.features(values)
+    actions = model.action_normalizer.values(batch.actions[at])
+    law, log_odds = model.state_decoder(
+        model.state_decoder_inputs(states, actions), values, z[windows.trajectory]
+    )
+    following = model.observation_normalizer.values(batch.next_observations[at])
+    predicted = Predicted(law, following, windows.valid & batch.next_known[at])
+    if not model.stop:
+        return predicted, torch.zeros_like(log_odds)
+    last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(log_odds.dtype)
+    return predicted, -binary_cross_entropy_with_logits(log_odds, last, reduction="none")
+
+
+def policy_log_likelihood(
+    model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
+) -> Float[Tensor, " B"]:
+    """The policy term of each trajectory at `z`; in each window the decoder starts without memory."""
+    actions = predicted_actions(model, batch, z, windows)
+    terms = actions.law.log_prob(actions.values)
+    events = model.events.log_prob(z, used_events(model, batch))
+    return _total(terms, actions.counts, windows, batch) + events
 
 
 def state_log_likelihood(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"]]:
     """The state and stop terms of each trajectory at `z`; in each window the decoder starts without memory."""
-    at = (windows.trajectory[:, None], windows.steps)
-    values = model.observation_normalizer.values(batch.observations[at])
-    states = model.observation_normalizer.features(values)
-    actions = model.action_normalizer.values(batch.actions[at])
-    following, log_odds = model.state_decoder(
-        model.state_decoder_inputs(states, actions), values, z[windows.trajectory]
-    )
-    terms = following.log_prob(model.observation_normalizer.values(batch.next_observations[at]))
-    state = _total(terms, windows.valid & batch.next_known[at], windows, batch)
-    if not model.stop:
-        return state, torch.zeros_like(state)
-    last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(log_odds.dtype)
-    terms = -binary_cross_entropy_with_logits(log_odds, last, reduction="none")
-    return state, _total(terms, windows.valid, windows, batch)
+    states, ends = predicted_states(model, batch, z, windows)
+    terms = states.law.log_prob(states.values)
+    return _total(terms, states.counts, windows, batch), _total(ends, windows.valid, windows, batch)
 
 
 def _total(terms: Tensor, where: Tensor, windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:

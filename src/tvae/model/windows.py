@@ -67,3 +67,8 @@ def rolling(lengths: Int[Tensor, " B"], window: int) -> Windows:
 def policy_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
     """What the policy decoder sees as a bot: rolling windows of `model.bot_window`, or whole trajectories."""
     return whole(batch) if model.bot_window is None else rolling(batch.lengths, model.bot_window)
+
+
+def state_windows(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
+    """What the state decoder sees: windows as in training, cut from the first step on, or whole trajectories."""
+    return whole(batch) if model.window is None else cut(batch.lengths, model.window, 0)
