@@ -216,7 +216,8 @@ def test_a_truncated_model_is_refused(run: Path, tmp_path: Path, capsys: pytest.
 
 
 def test_help_shows_an_example_of_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
-    verbs = [["demo"], ["fit"], ["styles"], ["generate"], ["rollout"], ["evaluate"], ["report"]]
+    verbs = [["demo"], ["fit"], ["styles"], ["generate"], ["rollout"], ["evaluate"], ["report"], ["embed"]]
+    verbs += [["score"], ["similar"], ["export"]]
     verbs += [["data", verb] for verb in ("info", "validate", "convert", "make")]
     for verb in verbs:
         call(*verb, "--help")

@@ -132,7 +132,7 @@ def test_other_signals_are_refused_with_what_was_needed() -> None:
     for function in (score, encode):
         with pytest.raises(DataError, match="6 signals against 1"):
             function(model, two_styles(4))
-        with pytest.raises(DataError, match="actions differ.*4 signals against 1"):
+        with pytest.raises(DataError, match=r"actions differ.*4 signals against 1"):
             function(model, noise([3], observation_space=OBSERVATIONS, action_space=ONE))
 
 
@@ -147,11 +147,13 @@ def test_shares_of_a_reference_are_valid_p_values() -> None:
 
 
 def test_distance_is_bhattacharyyas() -> None:
-    posteriors = Posteriors(np.array([[0.5, -1.0], [1.5, 0.0], [0.5, -1.0]]), np.array([[0.3, 1.0], [0.8, 2.0], [0.3, 1.0]]))
-    expected = 1.0
-    for axis in range(2):
-        first, second = ((posteriors.means[i, axis], posteriors.scales[i, axis]) for i in (0, 1))
-        expected *= quad(lambda x, p=first, q=second: math.sqrt(norm.pdf(x, *p) * norm.pdf(x, *q)), -20, 20, limit=200)[0]
+    means, scales = np.array([[0.5, -1.0], [1.5, 0.0]]), np.array([[0.3, 1.0], [0.8, 2.0]])
+    posteriors = Posteriors(means[[0, 1, 0]], scales[[0, 1, 0]])
+
+    def shared(x: float, axis: int) -> float:
+        return math.sqrt(math.prod(norm.pdf(x, means[:, axis], scales[:, axis])))
+
+    expected = math.prod(quad(shared, -20, 20, args=(axis,), limit=200)[0] for axis in range(2))
     found = distances(posteriors, 0)
     assert overlap(found)[1] == pytest.approx(expected)
     assert found[[0, 2]].tolist() == [0.0, 0.0]

@@ -40,6 +40,24 @@ _VERBS = (
     ),
     (
         app,
+        "embed",
+        "Write one row of numbers per session: z, how sure it is, style.",
+        "tvae embed runs/sessions new.parquet --out z.parquet",
+    ),
+    (
+        app,
+        "score",
+        "Say how likely each step of each session is, and what is unlike the training demonstrations.",
+        "tvae score runs/sessions new.parquet --out scores.parquet",
+    ),
+    (
+        app,
+        "similar",
+        "List the sessions that are played most like a given one.",
+        "tvae similar runs/sessions new.parquet session-17 --count 10",
+    ),
+    (
+        app,
         "generate",
         "Imagine episodes of a style, without an environment.",
         "tvae generate runs/zombie --style attack --episodes 50 --out imagined.csv",

@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from tvae.cli.options import CONSOLE, Force
+from tvae.cli.options import CONSOLE, Force, RunOrModel
 from tvae.experiments.exporting import export as export_model
-
-RunOrModel = Annotated[
-    str, Parameter(help="A run directory, a directory with a model, or the name of a model that comes with tvae.")
-]
 
 
 def export(run: RunOrModel, *, out: Path, force: Force = False) -> None:

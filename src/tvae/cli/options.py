@@ -42,6 +42,9 @@ COLUMNS = Columns()
 
 Out = Annotated[Path, Parameter(help="The run directory to make.")]
 Run = Annotated[Path, Parameter(help="A run directory, as `tvae fit` made it.")]
+RunOrModel = Annotated[
+    str, Parameter(help="A run directory, a directory with a model, or the name of a model that comes with tvae.")
+]
 Seed = Annotated[int, Parameter(help="Everything random depends on it.")]
 Device = Annotated[str, Parameter(help="auto, cpu, cuda, cuda:N or mps.")]
 Force = Annotated[bool, Parameter(help="Replace what is there already.", negative="")]

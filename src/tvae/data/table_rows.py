@@ -136,7 +136,10 @@ def _read_signals(
     names = [name.removeprefix(prefix) for name in table.column_names if name.startswith(prefix)]
     issues: list[Issue] = []
     if given is not None:
-        issues += [Issue("is missing", column=prefix + name) for name in given.names if name not in names]
+        there = ", ".join(prefix + name for name in names) or "none"
+        issues += [
+            Issue(f"is missing; there are {there}", column=prefix + name) for name in given.names if name not in names
+        ]
         expected = ", ".join(prefix + name for name in given.names)
         issues += [
             Issue(f"was not expected; expected are {expected}", column=prefix + name)

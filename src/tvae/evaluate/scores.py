@@ -98,7 +98,7 @@ class Scores:
 
     def _per_episode(self, terms: FloatArray) -> FloatArray:
         episodes = np.repeat(np.arange(len(self)), self.lengths)
-        return np.bincount(episodes, weights=terms, minlength=len(self))
+        return np.bincount(episodes, weights=terms, minlength=len(self)).astype(np.float64)
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ tell from which of the two episodes it came; so that two episodes are as near as
 also what makes a style here. Compared with others:
 
 - the distance between means alone takes every feature of z for as sharp as any other. Here a difference counts in
-  units of how well it is known, and a feature that the model does not use (mean 0, scale 1 for everyone) counts nothing;
+  units of how well it is known, and a feature that the model does not use (mean 0, scale 1 for all) counts nothing;
 - Mahalanobis' distance in the scales of one episode is not symmetric, and does not see that one episode is known well
   and the other hardly;
 - the symmetric Kullback-Leibler divergence grows like the square of the ratio of the scales, so that a short episode,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
+from numpy.typing import NDArray
 from rich.console import Console
 
 from tvae.config import RunConfig
@@ -104,6 +106,11 @@ def _latent(
     return {**held, "leakage": {**names, **nats}}
 
 
+def episode_names(demonstrations: Demonstrations) -> NDArray[Any]:
+    """(E,) the attribute `episode`; where there is none, positions."""
+    return demonstrations.attributes.get("episode", np.arange(len(demonstrations)))
+
+
 def styles_table(
     demonstrations: Demonstrations,
     posteriors: Posteriors,
@@ -113,11 +120,10 @@ def styles_table(
     likelihood: FloatArray,
 ) -> pa.Table:
     """One row per episode: `episode`, `style`, `probability`, `z_0` ..., `log_likelihood_per_step` in nats."""
-    episodes = demonstrations.attributes.get("episode", np.arange(len(demonstrations)))
     latents = {f"z_{index}": values for index, values in enumerate(posteriors.means.T)}
     return pa.table(
         {
-            "episode": episodes,
+            "episode": episode_names(demonstrations),
             "style": assignment,
             "probability": probability,
             **latents,

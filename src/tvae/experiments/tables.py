@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import pyarrow as pa
 from rich.markup import escape
 from rich.table import Table
 
 from tvae.data.validation import Summary
+from tvae.evaluate.unlikeness import unlike_places, unlike_sessions
 from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.experiments.sessions import Scored
 from tvae.experiments.using import FinishedRun
 
 
@@ -26,7 +29,7 @@ def metrics_table(run: RunDirectory) -> Table:
     """All of `metrics.json`."""
     table = Table("metric", "value")
     for name, value in _leaves(read_json(run.metrics)):
-        table.add_row(escape(name), escape(f"{value:.4g}" if isinstance(value, float) else str(value)))
+        table.add_row(escape(name), escape(_short(value)))
     return table
 
 
@@ -48,3 +51,40 @@ def signals_table(summary: Summary) -> Table:
             values = f"{signal.minimum:.4g} to {signal.maximum:.4g}, mean {signal.mean:.4g}"
         table.add_row(escape(signal.column), signal.kind, escape(values))
     return table
+
+
+def rows_table(rows: pa.Table) -> Table:
+    """A table of rows as it is."""
+    table = Table(*(escape(name) for name in rows.column_names))
+    for row in rows.to_pylist():
+        table.add_row(*(escape(_short(value)) for value in row.values()))
+    return table
+
+
+def unlike_sessions_table(scored: Scored, count: int) -> Table:
+    """The sessions that are least likely a step, and the least likely step of each."""
+    table = Table("session", "nats a step", "as unlikely", "least likely step", "nats there", "signal")
+    for found in unlike_sessions(scored.scores, scored.reference, count):
+        table.add_row(
+            escape(str(scored.names[found.session])),
+            f"{found.nats_per_step:.2f}",
+            f"{found.share:.2%}",
+            str(found.worst.step),
+            f"{found.worst.nats:.2f}",
+            escape(scored.columns[found.worst.signal]),
+        )
+    return table
+
+
+def unlike_places_table(scored: Scored, count: int) -> Table:
+    """The least likely steps of all."""
+    table = Table("session", "step", "nats", "as unlikely", "signal")
+    for place in unlike_places(scored.scores, scored.reference, count):
+        session = escape(str(scored.names[place.session]))
+        signal = escape(scored.columns[place.signal])
+        table.add_row(session, str(place.step), f"{place.nats:.2f}", f"{place.share:.2%}", signal)
+    return table
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
