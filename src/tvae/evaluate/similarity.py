@@ -6,9 +6,9 @@ The distance of q_i = N(mu_i, diag sigma_i^2) and q_j is Bhattacharyya's, in nat
             = sum_d [ (mu_id - mu_jd)^2 / (4 (sigma_id^2 + sigma_jd^2))
                       + 1/2 log( (sigma_id^2 + sigma_jd^2) / (2 sigma_id sigma_jd) ) ]
 
-and exp(-D) in [0, 1] is their overlap. Half the overlap bounds the error with which anybody, shown one draw z, could
-tell from which of the two episodes it came; so that two episodes are as near as draws from them are alike, which is
-also what makes a style here. Compared with others:
+and exp(-D) in [0, 1] is their overlap. The best guess, given one draw z, of which of the two episodes it came from errs
+with a probability of at most half the overlap: two episodes are near where draws from them are alike, which is also
+what makes a style here. Compared with others:
 
 - the distance between means alone takes every feature of z for as sharp as any other. Here a difference counts in
   units of how well it is known, and a feature that the model does not use (mean 0, scale 1 for all) counts nothing;

@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from tvae.data.validation import Summary
 from tvae.evaluate.unlikeness import unlike_places, unlike_sessions
@@ -55,7 +55,7 @@ def signals_table(summary: Summary) -> Table:
 
 def rows_table(rows: pa.Table) -> Table:
     """A table of rows as it is."""
-    table = Table(*(escape(name) for name in rows.column_names))
+    table = Table(*(Column(escape(name), overflow="fold") for name in rows.column_names))
     for row in rows.to_pylist():
         table.add_row(*(escape(_short(value)) for value in row.values()))
     return table
@@ -63,7 +63,8 @@ def rows_table(rows: pa.Table) -> Table:
 
 def unlike_sessions_table(scored: Scored, count: int) -> Table:
     """The sessions that are least likely a step, and the least likely step of each."""
-    table = Table("session", "nats a step", "as unlikely", "least likely step", "nats there", "signal")
+    headings = ("session", "nats a step", "as unlikely", "worst step", "nats", "signal")
+    table = Table(*(Column(heading, overflow="fold") for heading in headings))
     for found in unlike_sessions(scored.scores, scored.reference, count):
         table.add_row(
             escape(str(scored.names[found.session])),
@@ -78,7 +79,8 @@ def unlike_sessions_table(scored: Scored, count: int) -> Table:
 
 def unlike_places_table(scored: Scored, count: int) -> Table:
     """The least likely steps of all."""
-    table = Table("session", "step", "nats", "as unlikely", "signal")
+    headings = ("session", "step", "nats", "as unlikely", "signal")
+    table = Table(*(Column(heading, overflow="fold") for heading in headings))
     for place in unlike_places(scored.scores, scored.reference, count):
         session = escape(str(scored.names[place.session]))
         signal = escape(scored.columns[place.signal])
