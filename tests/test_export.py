@@ -268,7 +268,7 @@ def test_what_is_there_is_replaced_only_on_demand(
     assert "exists already" in refused(capsys, "export", "circle", "--out", str(zombie))
     assert (zombie / "manifest.json").read_bytes() == before
     (tmp_path / "letters.txt").write_text("dear")
-    assert "is not an export" in refused(capsys, "export", "zombie", "--out", str(tmp_path), "--force")
+    assert "is no export" in refused(capsys, "export", "zombie", "--out", str(tmp_path), "--force")
     assert (tmp_path / "letters.txt").read_text() == "dear"
     assert "there is no model" in refused(capsys, "export", "chess", "--out", str(tmp_path / "new"))
     main(["export", "zombie", "--out", str(zombie), "--force"])
