@@ -19,22 +19,10 @@ import pytest
 from safetensors.torch import load_file
 
 import tvae
-from tvae.cli import main
+from commands import call, refused
 from tvae.envs.zombie import zombie_demonstrations
 
 SMALL = ["--training.num-steps", "30", "--training.evaluate-every", "10", "--model.hidden-features", "8"]
-
-
-def call(*arguments: str | Path) -> None:
-    main([str(argument) for argument in arguments])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
-    """What the command says when it refuses, on one line."""
-    with pytest.raises(SystemExit) as stopped:
-        call(*arguments)
-    assert stopped.value.code == 2
-    return capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import tvae
+from commands import refused
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.cli import main
 from tvae.envs.zombie import ZombieAttackVectorEnv, success
@@ -252,13 +253,6 @@ def test_the_manifest_tells_of_styles(zombie: Path) -> None:
     assert told["parity"]["largest_difference"].keys() == told["graphs"].keys()
     assert max(told["parity"]["largest_difference"].values()) <= told["parity"]["tolerance"] == 1e-5
     assert {"name", "version"} == set().union(*(engine.keys() for engine in told["engines"]))
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    with pytest.raises(SystemExit) as stopped:
-        main(list(arguments))
-    assert stopped.value.code == 2
-    return capsys.readouterr().err
 
 
 def test_what_is_there_is_replaced_only_on_demand(

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import tvae
-from tvae.cli import main
+from commands import call, refused
 from tvae.envs.zombie import zombie_demonstrations
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.scores import score
@@ -18,17 +18,6 @@ from tvae.evaluate.similarity import distances
 from tvae.pretrained import pretrained_directory
 
 SMALL = ["--training.num-steps", "4", "--training.evaluate-every", "2", "--model.hidden-features", "8"]
-
-
-def call(*arguments: str | Path) -> None:
-    main([str(argument) for argument in arguments])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
-    with pytest.raises(SystemExit) as stopped:
-        call(*arguments)
-    assert stopped.value.code == 2
-    return capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-from tvae.baselines.chunks import Chunk, ChunkData, ChunkPolicy
+from tvae.baselines.chunks import Chunk, ChunkPolicy, learn_chunks
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import ACTION_FLOOR, positions
+from tvae.baselines.policies import ACTION_FLOOR
 from tvae.baselines.senses import Senses
 from tvae.device import seeded
 from tvae.distributions import RowDistribution
@@ -94,7 +93,7 @@ class ActionChunks:
 
     def learn(self, lesson: Lesson) -> Bots:
         """One bot, without a style to be asked for."""
-        demonstrations, senses = lesson.demonstrations, Senses.fit(lesson.demonstrations)
+        senses = Senses.fit(lesson.demonstrations)
         with seeded(lesson.seed, CPU):
             network = ChunkVAE(
                 senses,
@@ -102,17 +101,15 @@ class ActionChunks:
                 latent_features=self.latent_features,
                 hidden_features=self.hidden_features,
             )
-        training, judged = (
-            ChunkData(demonstrations.select(part), senses, num_actions=self.num_actions)
-            for part in positions(len(demonstrations), 0.1, lesson.seed)
-        )
-        everything = judged.at(np.arange(len(judged)))
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
-        descent.run(
+        learn_chunks(
             network,
-            lambda step: network.loss(training.drawn(self.batch_size), self.kl_weight),
-            seed=lesson.seed,
-            judge=lambda: float(network.loss(everything, self.kl_weight)),
+            senses,
+            lesson,
+            descent,
+            lambda model, chunk: model.loss(chunk, self.kl_weight),
+            num_actions=self.num_actions,
+            batch_size=self.batch_size,
         )
         facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)}
         return Bots(ChunkPolicy(network, self.num_actions), facts=facts)

@@ -6,15 +6,18 @@ which the first few are taken before it is asked again.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
+from torch import Tensor, nn
 
-from tvae.baselines.descending import CPU
+from tvae.baselines.contract import Lesson
+from tvae.baselines.descending import CPU, Descent
+from tvae.baselines.policies import positions
 from tvae.baselines.senses import Senses
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
@@ -81,6 +84,33 @@ class Proposer(Protocol):
     def propose(self, inputs: Float[Tensor, "N X"]) -> Float[Tensor, "N K A"]:
         """Values of the next k actions of N episodes."""
         ...
+
+
+N = TypeVar("N", bound=nn.Module)
+
+
+def learn_chunks(
+    network: N,
+    senses: Senses,
+    lesson: Lesson,
+    descent: Descent,
+    loss: Callable[[N, Chunk], Tensor],
+    *,
+    num_actions: int,
+    batch_size: int,
+) -> None:
+    """Train a network on `batch_size` random moments a step; the weights that are best on a held-out tenth are kept."""
+    training, judged = (
+        ChunkData(lesson.demonstrations.select(part), senses, num_actions=num_actions)
+        for part in positions(len(lesson.demonstrations), 0.1, lesson.seed)
+    )
+    everything = judged.at(np.arange(len(judged)))
+    descent.run(
+        network,
+        lambda step: loss(network, training.drawn(batch_size)),
+        seed=lesson.seed,
+        judge=lambda: float(loss(network, everything)),
+    )
 
 
 class ChunkPolicy:

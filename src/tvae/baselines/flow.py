@@ -16,15 +16,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from tvae.baselines.chunks import Chunk, ChunkData, ChunkPolicy
+from tvae.baselines.chunks import Chunk, ChunkPolicy, learn_chunks
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import positions
 from tvae.baselines.senses import Senses
 from tvae.device import seeded
 from tvae.spaces import Space
@@ -109,7 +107,7 @@ class FlowMatching:
 
     def learn(self, lesson: Lesson) -> Bots:
         """One bot, without a style to be asked for."""
-        demonstrations, senses = lesson.demonstrations, Senses.fit(lesson.demonstrations)
+        senses = Senses.fit(lesson.demonstrations)
         with seeded(lesson.seed, CPU):
             network = FlowNetwork(
                 senses,
@@ -117,17 +115,15 @@ class FlowMatching:
                 hidden_features=self.hidden_features,
                 num_euler_steps=self.num_euler_steps,
             )
-        training, judged = (
-            ChunkData(demonstrations.select(part), senses, num_actions=self.num_actions)
-            for part in positions(len(demonstrations), 0.1, lesson.seed)
-        )
-        everything = judged.at(np.arange(len(judged)))
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
-        descent.run(
+        learn_chunks(
             network,
-            lambda step: network.loss(training.drawn(self.batch_size)),
-            seed=lesson.seed,
-            judge=lambda: float(network.loss(everything)),
+            senses,
+            lesson,
+            descent,
+            FlowNetwork.loss,
+            num_actions=self.num_actions,
+            batch_size=self.batch_size,
         )
         facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)}
         return Bots(ChunkPolicy(network, self.num_taken), facts=facts)

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tvae.baselines.contract import AnyOf, Bots, Lesson, by_label
+from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import NetworkPolicy, PolicyNetwork, clone
+from tvae.baselines.policies import PolicyNetwork, clone, coded_bots
 from tvae.baselines.senses import Senses
 from tvae.data.batches import TrajectoryBatch
 from tvae.device import seeded
@@ -45,8 +45,5 @@ class LabelledCloning:
 
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
         clone(network, lesson.demonstrations, code_of, descent, seed=lesson.seed)
-        return Bots(
-            NetworkPolicy(network, AnyOf(codes)),
-            {label: NetworkPolicy(network, code) for label, code in by_label(codes, lesson).items()},
-            {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)},
-        )
+        facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)}
+        return coded_bots(network, codes, lesson, facts)

@@ -7,15 +7,15 @@ c is whatever a method conditions on: nothing, a label, a latent. The loss is th
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from tvae.baselines.contract import Codes
+from tvae.baselines.contract import AnyOf, Bots, Codes, Lesson, by_label
 from tvae.baselines.descending import CPU, Descent
 from tvae.baselines.senses import Senses
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
@@ -103,6 +103,15 @@ class NetworkPolicy:
         with seeded(int(self._random.integers(2**62)), CPU):
             values = law.sample()[:, 0]
         return self.network.senses.actions.raw(values).double().numpy()
+
+
+def coded_bots(network: PolicyNetwork, codes: FloatArray, lesson: Lesson, facts: Mapping[str, Any]) -> Bots:
+    """Bots of a network with the codes (E, Z) of the demonstrations: at will any, for a label those that carry it."""
+    return Bots(
+        NetworkPolicy(network, AnyOf(codes)),
+        {label: NetworkPolicy(network, code) for label, code in by_label(codes, lesson).items()},
+        facts,
+    )
 
 
 def no_code(episodes: IntArray, batch: TrajectoryBatch) -> Tensor:

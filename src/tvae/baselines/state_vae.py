@@ -20,9 +20,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-from tvae.baselines.contract import AnyOf, Bots, Lesson, by_label
+from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import MemorylessTrunk, NetworkPolicy, PolicyNetwork, positions
+from tvae.baselines.policies import MemorylessTrunk, PolicyNetwork, coded_bots, positions
 from tvae.baselines.senses import Senses
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
@@ -123,8 +123,5 @@ class StateTrajectoryVAE:
             judge=lambda: float(np.mean([float(model.loss(batch_of(held_out, part))) for part in parts])),
         )
         codes = model.codes(demonstrations)
-        return Bots(
-            NetworkPolicy(model.policy, AnyOf(codes)),
-            {label: NetworkPolicy(model.policy, code) for label, code in by_label(codes, lesson).items()},
-            {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(model)},
-        )
+        facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(model)}
+        return coded_bots(model.policy, codes, lesson, facts)
