@@ -77,6 +77,12 @@ _VERBS = (
     ),
     (
         app,
+        "push",
+        "Publish a run on the Hugging Face Hub, with a model card.",
+        "tvae push runs/sessions owner/name --license cc-by-4.0 --dry-run exports/hub",
+    ),
+    (
+        app,
         "reproduce",
         "Reproduce the paper: its tasks, figures and numbers.",
         "tvae reproduce zombie --out results --seeds 5",

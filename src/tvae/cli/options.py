@@ -43,7 +43,11 @@ COLUMNS = Columns()
 Out = Annotated[Path, Parameter(help="The run directory to make.")]
 Run = Annotated[Path, Parameter(help="A run directory, as `tvae fit` made it.")]
 RunOrModel = Annotated[
-    str, Parameter(help="A run directory, a directory with a model, or the name of a model that comes with tvae.")
+    str,
+    Parameter(
+        help="A run directory, a directory with a model, the name of a model that comes with tvae, "
+        "or owner/name of one on the Hugging Face Hub."
+    ),
 ]
 Seed = Annotated[int, Parameter(help="Everything random depends on it.")]
 Device = Annotated[str, Parameter(help="auto, cpu, cuda, cuda:N or mps.")]

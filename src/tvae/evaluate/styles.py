@@ -125,17 +125,18 @@ class Playstyles:
             raise ModelError(f"{path} does not hold playstyles: {error}") from error
 
     @classmethod
-    def from_pretrained(cls, name: str | Path) -> Playstyles:
-        """The styles of the model of this name that comes with the package, or those in a directory, as `load`.
+    def from_pretrained(cls, name: str | Path, *, revision: str | None = None) -> Playstyles:
+        """The styles of a model that comes with the package, lies in a directory, or in a repository of the Hub.
 
-        Episodes (`assignment`, prototypes) are those of the demonstrations that the model was trained on. Raises
-        `ModelError` for a name that is neither; the message says which names there are.
+        Names are those of `tvae.TrajectoryVAE.from_pretrained`. Episodes (`assignment`, prototypes) are those of the
+        demonstrations that the model was trained on. Raises `ModelError` for a name of nothing; the message says which
+        names there are.
 
         >>> Playstyles.from_pretrained("chess")  # doctest: +ELLIPSIS
         Traceback (most recent call last):
         tvae.errors.ModelError: there is no model 'chess': ...
         """
-        return cls.load(pretrained_directory(name))
+        return cls.load(pretrained_directory(name, revision))
 
 
 def _style_to_json(style: Style) -> dict[str, Any]:

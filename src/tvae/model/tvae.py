@@ -6,6 +6,7 @@ import json
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,14 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.errors import ModelError
 from tvae.files import appearing
+from tvae.hub import CARD, upload
 from tvae.model.calibration import spread, typical
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.events import Events
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.model.perception import NoPerception, Perception
-from tvae.model.schema import SCHEMA_VERSION, check_version
+from tvae.model.schema import SCHEMA_VERSION, read_description
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
 from tvae.spaces import Space
@@ -255,13 +257,7 @@ class TrajectoryVAE(nn.Module):
         Raises `ModelError` for a directory that is no model, is truncated, or has another schema version.
         """
         directory = Path(directory)
-        if not (directory / "config.json").is_file():
-            raise ModelError(f"{directory} is not a model directory: it has no config.json")
-        try:
-            description = json.loads((directory / "config.json").read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise ModelError(f"{directory / 'config.json'} is not whole JSON: {error}") from error
-        check_version(description, directory / "config.json")
+        description = read_description(directory)
         try:
             model = cls(
                 Space.from_json(description["observation_space"]),
@@ -280,11 +276,13 @@ class TrajectoryVAE(nn.Module):
         return model
 
     @classmethod
-    def from_pretrained(cls, name: str | Path) -> TrajectoryVAE:
-        """The model of this name that comes with the package, or the one in the directory of this path, as `load`.
+    def from_pretrained(cls, name: str | Path, *, revision: str | None = None) -> TrajectoryVAE:
+        """A model that comes with the package, lies in a directory, or in a repository `owner/name` of the Hub.
 
-        Its styles are `tvae.Playstyles.from_pretrained(name)`. Raises `ModelError` for a name that is neither; the
-        message says which names there are.
+        They are looked for in this order (`tvae.pretrained.pretrained_directory`) and read as `load` does; a repository
+        at its newest commit, or at `revision`, a branch, tag or commit. The styles are
+        `tvae.Playstyles.from_pretrained(name)`. Raises `ModelError` for a name of nothing; the message says which names
+        there are.
 
         >>> from tempfile import mkdtemp
         >>> from tvae.spaces import Continuous, Space
@@ -293,4 +291,22 @@ class TrajectoryVAE(nn.Module):
         >>> TrajectoryVAE.from_pretrained(directory).latent_features
         3
         """
-        return cls.load(pretrained_directory(name))
+        return cls.load(pretrained_directory(name, revision))
+
+    def push_to_hub(self, repo_id: str, *, card: str | None = None, private: bool = False) -> str:
+        """Write the model to the repository `owner/name` of the Hugging Face Hub, and return its address.
+
+        `card` becomes its README.md; without one, a card that is there stays. `tvae push` writes a whole run, with its
+        styles and a card. The repository is made if there is none. Raises `HubError` (`tvae.hub`).
+
+        >>> from tvae.spaces import Continuous, Space
+        >>> walks = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)))
+        >>> walks.push_to_hub("walks")
+        Traceback (most recent call last):
+        tvae.hub.HubError: a repository is called owner/name, got 'walks'
+        """
+        with TemporaryDirectory() as directory:
+            self.save(directory)
+            if card is not None:
+                (Path(directory) / CARD).write_text(card, encoding="utf-8")
+            return upload(Path(directory), repo_id, private=private, message="A Trajectory VAE")

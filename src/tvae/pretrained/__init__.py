@@ -14,6 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tvae.errors import ModelError
+from tvae.hub import download, is_repository
 
 ROOT = Path(str(files("tvae.pretrained")))
 
@@ -27,11 +28,12 @@ def pretrained_names() -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in ROOT.glob("*/config.json")))
 
 
-def pretrained_directory(name: str | Path) -> Path:
-    """Where the files of a model are: the shipped one of this name, else the directory of this path.
+def pretrained_directory(name: str | Path, revision: str | None = None) -> Path:
+    """Where the files of a model are: the shipped one, else the directory, else the repository of the Hub of this name.
 
-    A shipped name means the shipped model wherever the program runs; a directory of the same name is `./name`.
-    Raises `ModelError` for what is neither.
+    A shipped name means the shipped model wherever the program runs; a directory of the same name is `./name`. What is
+    called `owner/name` and is no directory is read from the Hugging Face Hub (`tvae.hub.download`), at `revision`; a
+    `Path` never is. Raises `ModelError` for what is none of them, and for a revision of what is no repository.
 
     >>> from tempfile import mkdtemp
     >>> directory = mkdtemp()
@@ -39,11 +41,14 @@ def pretrained_directory(name: str | Path) -> Path:
     True
     """
     names = pretrained_names()
-    if name in names:
-        return ROOT / name
-    if not Path(name).is_dir():
-        raise ModelError(
-            f"there is no model {str(name)!r}: it is no directory, and the models that come with tvae are "
-            f"{', '.join(names) or 'none'}"
-        )
-    return Path(name)
+    here = ROOT / name if name in names else Path(name)
+    if here.is_dir():
+        if revision is not None:
+            raise ModelError(f"only a repository of the Hugging Face Hub has revisions, and {str(name)!r} is {here}")
+        return here
+    if isinstance(name, str) and is_repository(name):
+        return download(name, revision)
+    raise ModelError(
+        f"there is no model {str(name)!r}: it is no directory and no repository owner/name, and the models that come "
+        f"with tvae are {', '.join(names) or 'none'}"
+    )
