@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tvae.evaluate.styles import Playstyles as Playstyles
     from tvae.generate.closed_loop import Agent as Agent
     from tvae.generate.closed_loop import rollout as rollout
+    from tvae.generate.closed_loop import rollout_parallel as rollout_parallel
     from tvae.generate.open_loop import imagine as imagine
     from tvae.model.tvae import TrajectoryVAE as TrajectoryVAE
     from tvae.train.fitting import fit as fit
@@ -36,6 +37,7 @@ _HOMES = {
     "imagine": "tvae.generate.open_loop",
     "load_demonstrations": "tvae.data.sources",
     "rollout": "tvae.generate.closed_loop",
+    "rollout_parallel": "tvae.generate.closed_loop",
     "save_demonstrations": "tvae.data.sources",
 }
 

@@ -26,6 +26,7 @@ from gymnasium import spaces as gym
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from tvae.errors import TvaeError
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
 _MOST_COLUMNS = 4096
@@ -175,7 +176,7 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
 
     >>> space = gym.Dict({"go": gym.Discrete(3, start=1), "x": gym.Box(0, 1, (2,))})
     >>> unflatten(space, np.array([2.0, 0.5, 9.0]))
-    {'go': array(3), 'x': array([0.5, 1. ], dtype=float32)}
+    {'go': np.int64(3), 'x': array([0.5, 1. ], dtype=float32)}
     """
     match space:
         case gym.Dict():
@@ -185,7 +186,8 @@ def unflatten(space: gymnasium.Space[Any], rows: FloatArray) -> Any:
             parts_ = zip(space.spaces, _split(space.spaces, rows), strict=True)
             return tuple(unflatten(part, columns) for part, columns in parts_)
         case gym.Discrete():
-            return np.asarray(rows[..., 0] + float(space.start)).astype(space.dtype)
+            values = np.asarray(rows[..., 0] + float(space.start)).astype(space.dtype)
+            return values[()]  # a single one as a number: environments look things up with it
     shape = (*rows.shape[:-1], *_leaf_shape(space))
     if isinstance(space, gym.Box):
         outside = _angular(space) & (np.abs(rows) > np.pi)
@@ -230,8 +232,30 @@ def _split(parts: Any, rows: FloatArray) -> Iterator[FloatArray]:
 
 def spaces_of(envs: VectorEnv[Any, Any, Any]) -> tuple[Space, Space]:
     """Observation and action space of one copy, named by the environment's `signal_names` if it has any."""
-    names: Mapping[str, Sequence[str]] = envs.metadata.get("signal_names", {})
-    return (
-        space_from_gymnasium(envs.single_observation_space, names.get("observation")),
-        space_from_gymnasium(envs.single_action_space, names.get("action")),
+    return named_spaces(
+        envs.single_observation_space, envs.single_action_space, envs.metadata.get("signal_names", {})
     )
+
+
+def named_spaces(
+    observation_space: gymnasium.Space[Any], action_space: gymnasium.Space[Any], names: Mapping[str, Sequence[str]]
+) -> tuple[Space, Space]:
+    """The signals of both, called as `names` has them under `observation` and `action`, else numbered.
+
+    Raises `TvaeError` for names that are more or fewer than the signals, as behind a wrapper that adds some.
+
+    >>> place, move = gym.Box(-1, 1, (2,)), gym.Discrete(3)
+    >>> observations, actions = named_spaces(place, move, {"observation": ["x", "y"]})
+    >>> observations.names, actions.names
+    (('x', 'y'), ('0',))
+    """
+    found = []
+    for what, space in (("observation", observation_space), ("action", action_space)):
+        try:
+            found.append(space_from_gymnasium(space, names.get(what)))
+        except ValueError as error:
+            raise TvaeError(
+                f"the environment's metadata['signal_names'][{what!r}] does not fit its {what} space: {error}. "
+                "A wrapper that adds or leaves out signals needs a metadata of its own that names them, or none"
+            ) from error
+    return found[0], found[1]

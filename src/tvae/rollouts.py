@@ -39,16 +39,17 @@ class Policy(Protocol):
 
 def check_spaces(envs: VectorEnv[Any, Any, Any], observation_space: Space, action_space: Space) -> None:
     """Raise `SpaceMismatchError`, showing both sides, if the environment has other signals than expected."""
-    theirs = spaces_of(envs)
-    for what, mine, other in (
-        ("observations", observation_space, theirs[0]),
-        ("actions", action_space, theirs[1]),
-    ):
-        differences = mine.differences(other)
+    compare_spaces((observation_space, action_space), spaces_of(envs), "environment")
+
+
+def compare_spaces(mine: tuple[Space, Space], theirs: tuple[Space, Space], whose: str) -> None:
+    """Raise `SpaceMismatchError`, showing both sides, if a model has other signals than `whose` are `theirs`."""
+    for what, own, other in zip(("observations", "actions"), mine, theirs, strict=True):
+        differences = own.differences(other)
         if differences:
             raise SpaceMismatchError(
-                f"{what} differ between model and environment: " + "; ".join(differences) + ". "
-                f"Model: {', '.join(mine.names)}. Environment: {', '.join(other.names)}."
+                f"{what} differ between model and {whose}: " + "; ".join(differences) + ". "
+                f"Model: {', '.join(own.names)}. {whose[0].upper()}{whose[1:]}: {', '.join(other.names)}."
             )
 
 
@@ -119,14 +120,14 @@ def _round(
     """One episode in each of the first `wanted` copies."""
     value, _ = envs.reset(seed=world_seed)
     policy.reset(envs.num_envs, policy_seed)
-    observations = [flatten(envs.single_observation_space, value)]
+    observations = [flatten(envs.single_observation_space, value).copy()]
     actions: list[FloatArray] = []
     columns: dict[str, list[Any]] = {}
     lengths: IntArray = np.zeros(envs.num_envs, dtype=np.int64)
     while (lengths[:wanted] == 0).any():
         action = unflatten(envs.single_action_space, policy.act(observations[-1]))
         value, reward, terminated, truncated, info = envs.step(action)
-        observations.append(flatten(envs.single_observation_space, value))
+        observations.append(flatten(envs.single_observation_space, value).copy())  # some reuse their arrays
         actions.append(flatten(envs.single_action_space, action))
         step = {"reward": reward, "terminated": terminated, "truncated": truncated, **_scalars(info, envs.num_envs)}
         if len(actions) == 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from copy import copy
 from typing import Any
@@ -27,6 +28,8 @@ from tvae.model.decoding import (
     tensor_of,
 )
 from tvae.model.tvae import TrajectoryVAE
+from tvae.multiplayer import Parallel, check_players
+from tvae.multiplayer import rollout as play_episodes
 from tvae.rollouts import as_vector, check_spaces
 from tvae.rollouts import rollout as run_episodes
 from tvae.spaces import FloatArray
@@ -150,3 +153,26 @@ def rollout(
     model = agent.policy.model
     check_spaces(envs, model.observation_space, model.action_space)
     return run_episodes(envs, copy(agent.policy), episodes, seed=seed)
+
+
+def rollout_parallel(
+    env: Parallel, agents: Mapping[str, Agent], episodes: int, *, seed: int = 0
+) -> dict[str, Demonstrations]:
+    """Episodes in a parallel environment of PettingZoo with an agent for each player; the demonstrations of each.
+
+    Players may have different models and spaces. Each draws a z of its own, afresh in each episode; one agent may be
+    given for several players. The attribute `episode` says which of one player's episodes belong to which of
+    another's. The episodes that the agents are in the middle of are not disturbed.
+
+    Raises `PlayersError` unless there is one agent for each of `env.possible_agents`, and `SpaceMismatchError`, with
+    both sides, for one whose model has other signals than the player.
+
+    >>> from tvae.spaces import Continuous, Space
+    >>> model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)))
+    >>> rollout_parallel(gymnasium.make("CartPole-v1"), {"first": Agent(model, np.zeros(2))}, 1)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    tvae.multiplayer.PlayersError: several players need a parallel environment of PettingZoo, got ...
+    """
+    models = {player: agent.policy.model for player, agent in agents.items()}
+    check_players(env, {player: (model.observation_space, model.action_space) for player, model in models.items()})
+    return play_episodes(env, {player: copy(agent.policy) for player, agent in agents.items()}, episodes, seed=seed)
