@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from tvae.cli.options import CONSOLE, Device, Flag, Force, Seed
+from tvae.cli.tracking import TRACKING, Tracking
 from tvae.experiments.run import complete, new_recipe_run, resumed_run
 from tvae.experiments.tasks import TASKS
 
@@ -20,6 +21,7 @@ def demo(
     device: Device = "auto",
     resume: Flag = False,
     force: Force = False,
+    tracking: Tracking = TRACKING,
 ) -> None:
     """Run a whole example: unlabelled demonstrations become styles, a bot for each, and a page to look at.
 
@@ -37,9 +39,10 @@ def demo(
         Go on with the run in --out where it was killed.
     """
     directory = out or Path("runs") / task
+    trackers = tracking.trackers()
     if resume:
         begun = resumed_run(directory)
     else:
         recipe = TASKS[task](data, seed)
         begun = new_recipe_run(directory, recipe, command=sys.argv, device=device, force=force)
-    complete(begun, device=device, console=CONSOLE)
+    complete(begun, device=device, console=CONSOLE, trackers=trackers)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from tvae.cli.options import COLUMNS, CONSOLE, MODEL, TRAINING, Columns, Device, Flag, Force, Out, Seed
+from tvae.cli.tracking import TRACKING, Tracking
 from tvae.config import ModelConfig, RunConfig, TrainingConfig
 from tvae.errors import TvaeError
 from tvae.experiments.arenas import Arena
@@ -23,6 +24,7 @@ def fit(
     device: Device = "auto",
     resume: Flag = False,
     force: Force = False,
+    tracking: Tracking = TRACKING,
     model: ModelConfig = MODEL,
     training: TrainingConfig = TRAINING,
 ) -> None:
@@ -41,6 +43,7 @@ def fit(
     resume
         Go on with the run in --out where it was killed, as it was configured.
     """
+    trackers = tracking.trackers()
     if resume:
         begun = resumed_run(out)
     elif data is None:
@@ -51,4 +54,4 @@ def fit(
         begun = new_run(
             out, columns.of(data), config, arena, command=sys.argv, device=device, force=force
         )
-    complete(begun, device=device, console=CONSOLE)
+    complete(begun, device=device, console=CONSOLE, trackers=trackers)

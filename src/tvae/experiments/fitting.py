@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from tvae.config import RunConfig, TrainingConfig
 from tvae.data.batches import suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.experiments.arenas import Arena
-from tvae.experiments.progress import watching
+from tvae.experiments.progress import together, watching
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
 from tvae.experiments.source import Source
+from tvae.experiments.tracking import Tracker
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.diagnosis import TrainingWarning
@@ -76,17 +78,33 @@ def split(demonstrations: Demonstrations, config: RunConfig) -> tuple[Demonstrat
 
 
 def fit_run(
-    run: RunDirectory, demonstrations: Demonstrations, config: RunConfig, *, device: str, console: Console
+    run: RunDirectory,
+    demonstrations: Demonstrations,
+    about: About,
+    *,
+    device: str,
+    console: Console,
+    trackers: Sequence[Tracker] = (),
 ) -> TrajectoryVAE:
-    """Train in `run`, from its checkpoint if there is one, and leave weights, history and training metrics."""
+    """Train in `run`, from its checkpoint if there is one, and leave weights, history and training metrics.
+
+    `trackers` are told of all evaluations, those before a kill too.
+    """
+    config = about.config
     began = time.perf_counter()
     with (
         warnings.catch_warnings(record=True, category=TrainingWarning) as warned,
-        watching(config.training.num_steps, run.tensorboard, console) as observer,
+        ExitStack() as stack,
     ):
+        tracked = [stack.enter_context(tracker.watching(about.title, config.to_json())) for tracker in trackers]
+        shown = stack.enter_context(watching(config.training.num_steps, run.tensorboard, console))
         warnings.simplefilter("always", TrainingWarning)
         model, records = trained(
-            demonstrations, config, checkpoint=run.checkpoint, device=device, observer=observer
+            demonstrations,
+            config,
+            checkpoint=run.checkpoint,
+            device=device,
+            observer=together([shown, *tracked]),
         )
     words = [str(warning.message) for warning in warned]
     for sentence in words:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,14 +26,46 @@ def watching(num_steps: int, tensorboard: Path, console: Console) -> Iterator[Ob
             bar.update(task, completed=step, description=words)
 
         def on_record(record: Record) -> None:
-            for part, terms in (("training", record.training), ("held_out", record.held_out)):
-                for name in ("policy", "state", "stop", "kl"):
-                    events.add_scalar(f"{part}/{name}", getattr(terms, name), record.step)
-                events.add_scalar(f"{part}/elbo", terms.value(1.0), record.step)
-            events.add_scalar("beta", record.beta, record.step)
+            for name, number in scalars(record).items():
+                events.add_scalar(name, number, record.step)
             bar.update(task, completed=record.step)
 
         yield Observer(on_step, on_record)
+
+
+def scalars(record: Record) -> dict[str, float]:
+    """The numbers of an evaluation, by the names that curves have: `held_out/elbo`, ..., `beta`.
+
+    >>> terms = Terms(policy=-3.0, state=1.0, stop=0.0, kl=0.5)
+    >>> scalars(Record(100, 1.5, terms, terms))["held_out/elbo"]
+    -2.5
+    """
+    numbers: dict[str, float] = {}
+    for part, terms in (("training", record.training), ("held_out", record.held_out)):
+        numbers |= {f"{part}/{name}": getattr(terms, name) for name in ("policy", "state", "stop", "kl")}
+        numbers[f"{part}/elbo"] = terms.value(1.0)
+    return {**numbers, "beta": record.beta}
+
+
+def together(observers: Sequence[Observer]) -> Observer:
+    """One observer that tells all of them, in order.
+
+    >>> told = []
+    >>> both = together([Observer(on_step=lambda step, terms: told.append(step))] * 2)
+    >>> both.on_step(7, Terms(0.0, 0.0, 0.0, 0.0))
+    >>> told
+    [7, 7]
+    """
+
+    def on_step(step: int, terms: Terms) -> None:
+        for observer in observers:
+            observer.on_step(step, terms)
+
+    def on_record(record: Record) -> None:
+        for observer in observers:
+            observer.on_record(record)
+
+    return Observer(on_step, on_record)
 
 
 @contextmanager

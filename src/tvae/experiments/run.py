@@ -23,6 +23,7 @@ from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
+from tvae.experiments.tracking import Tracker
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +80,14 @@ def _check(demonstrations: Demonstrations, config: RunConfig, device: str) -> No
         raise TvaeError(f"this training cannot be: {error}") from error
 
 
-def complete(begun: Begun, *, device: str, console: Console) -> None:
+def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[Tracker] = ()) -> None:
     """Do all that is left of a run: training goes on from the last checkpoint, the rest is done anew."""
     run, demonstrations = begun.run, begun.demonstrations
     about = about_run(run)
     summary = summarise(demonstrations)
     console.print(f"{summary.num_episodes} episodes, {summary.num_steps} steps, taken for:")
     console.print(signals_table(summary))
-    model = fit_run(run, demonstrations, about.config, device=device, console=console)
+    model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)
     findings = analyse(run, model, demonstrations, about.config, console=console)
     if about.arena is not None:
         try_bots(run, model, findings, about.arena, seed=about.config.seed, console=console)
