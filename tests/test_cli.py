@@ -60,6 +60,7 @@ def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
     assert metrics["playstyles"]["num_found"] >= 1
     assert metrics["train_seconds"] > 0
     assert metrics["test_episodes"] == 12
+    assert metrics["test_environment"] == "tvae/ZombieAttack-v0"
     assert 0 <= metrics["active_units"] <= 2
     assert all(0 <= share <= 1 for share in metrics["style_consistency"].values())
     assert len(metrics["style_consistency"]) == metrics["playstyles"]["num_found"]

@@ -66,7 +66,7 @@ def download(repo_id: str, revision: str | None = None) -> Path:
 
 
 def upload(directory: Path, repo_id: str, *, private: bool, message: str) -> str:
-    """Write the `FILES` and the card of a directory to a repository, in one commit; returns its address.
+    """Write the `FILES` and the card of a directory to a repository; returns its address.
 
     The repository is made if there is none. Those of the `FILES` that the directory lacks are taken from it, so that
     no model stands beside another one's styles. Raises `HubError`, also for a public one that is asked to be private.

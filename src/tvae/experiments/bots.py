@@ -72,7 +72,8 @@ def try_bots(
 
     Adds to `metrics.json` for each style, under its label or name: `success` and `success_most_likely` where the
     environment knows success, its measures, `episode_length` and `return`, each measure with a 95 % interval, and
-    `style_consistency`, the share of its episodes that the encoder tells as its style.
+    `style_consistency`, the share of its episodes that the encoder tells as its style. `test_environment` and
+    `test_episodes` say where.
     """
     knowledge = knowledge_of(arena.env)
     found: dict[str, dict[str, Any]] = {}
@@ -100,7 +101,8 @@ def try_bots(
             for measure, values in measures.items():
                 found.setdefault(measure, {})[name] = float(np.mean(values))
                 intervals.setdefault(measure, {})[name] = list(mean_interval(np.asarray(values, dtype=np.float64)))
-    return update_metrics(run, {**found, "ci95": intervals, "test_episodes": arena.episodes})
+    where = {"test_environment": arena.env, "test_episodes": arena.episodes}
+    return update_metrics(run, {**found, "ci95": intervals, **where})
 
 
 def _wilson(share: float, count: int) -> list[float]:

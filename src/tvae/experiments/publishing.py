@@ -74,7 +74,7 @@ def card(run: FinishedRun, repo_id: str, *, license: str | None) -> str:
     size = read_json(run.directory.config)["run"]["demonstrations"]
     spaces = ((OBSERVATION, model.observation_space), (ACTION, model.action_space))
     measured = tuple(measurements(metrics))
-    arena = about.arena
+    tried_in = metrics.get("test_environment")
     content = CardContent(
         title=about.title,
         repository=repo_id,
@@ -89,12 +89,12 @@ def card(run: FinishedRun, repo_id: str, *, license: str | None) -> str:
         held_out=about.config.training.held_out,
         signals=tuple((prefix + s.name, describe(s)) for prefix, space in spaces for s in space.signals),
         measurements=measured,
-        test=None if arena is None else Trial(arena.env, metrics["test_episodes"]),
+        test=None if tried_in is None else Trial(tried_in, metrics["test_episodes"]),
         warnings=tuple(metrics.get("warnings", ())),
         command=shlex.join(["tvae", *about.command[1:]]),
         version=tvae.__version__,
         seed=about.config.seed,
-        environment=None if arena is None else _call(arena),
+        environment=None if about.arena is None else _call(about.arena),
         license=license,
     )
     results = [
@@ -102,7 +102,7 @@ def card(run: FinishedRun, repo_id: str, *, license: str | None) -> str:
             row.metric,
             f"{row.metric}, {row.style}" if row.style else row.metric,
             row.value,
-            arena.env if row.style and arena is not None else about.title,
+            tried_in if row.style and tried_in is not None else about.title,
         )
         for row in measured
     ]
