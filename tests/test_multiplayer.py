@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import gymnasium
@@ -216,6 +215,5 @@ def test_progress_is_told_and_counts_are_checked(models: dict[str, TrajectoryVAE
     policies, told = {player: agent.policy for player, agent in agents_of(models).items()}, []
     rollout(Hunt(), policies, 3, on_step=told.append)
     assert told == [1, 2, 3]
-    assert all(before < after for before, after in pairwise(told))
     with pytest.raises(ValueError, match="num_episodes must be at least 1, got 0"):
         rollout(Hunt(), policies, 0)
