@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 from copy import deepcopy
@@ -21,6 +22,7 @@ import tvae
 from commands import refused
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.cli import main
+from tvae.envs import zombie_dynamics
 from tvae.envs.zombie import ZombieAttackVectorEnv, success
 from tvae.export import parity
 from tvae.export.bundle import Export, export_onnx, graphs
@@ -330,3 +332,17 @@ def test_another_manifest_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="is no export"):
         export_onnx(model_of("window 1"), tmp_path, overwrite=True)
     assert (tmp_path / "index.html").read_text(encoding="utf-8") == "kept"
+
+
+def test_the_page_in_a_browser_has_the_numbers_of_the_task() -> None:
+    """`scripts/browser_success.py` compares the worlds step by step; this needs no browser."""
+    page = EXAMPLE.parent / "browser"
+    told = dict(re.findall(r"^export const ([A-Z_]+) = (.+);$", (page / "zombie.js").read_text(), flags=re.MULTILINE))
+    task = zombie_dynamics.ZombieAttack()
+    known = vars(zombie_dynamics) | {"START_LOW": task.start_low, "START_HIGH": task.start_high}
+    assert len(told) == 9
+    for name, value in told.items():
+        assert np.array_equal(json.loads(value), known[name]), name
+    for file in ("index.html", "page.js", "episodes.js", "bot.js"):
+        for script in re.findall(r"""["'](?:\./)?(\w+\.js)["']""", (page / file).read_text()):
+            assert (page / script).exists(), f"{file}: {script}"
