@@ -189,10 +189,10 @@ def _von_mises(outside: Value, side: Value, deviation: Value, count: int) -> Val
 
     exponent = (cells(square) * (-(1 + inverse) / 2) + -2 * inverse).apply("Reciprocal")
     density = exponent.apply("Exp") * (0.5 - exponent)
-    up_to = sheet.node("CumSum", density, np.array(-1))
-    target = cells(outside) * up_to.columns([CELLS - 1])
-    inside = sheet.node("Clip", (up_to - target) / density, 0.0, 1.0)  # a cell too thin to count: -inf, 0
-    quarter = sheet.node("MatMul", inside, np.full((CELLS, 1), math.pi / 2 / CELLS))
+    before = sheet.node("CumSum", density, np.array(-1), exclusive=1)
+    target = cells(outside) * sheet.node("ReduceSum", density, np.array([-1]), keepdims=1)
+    filled = sheet.node("Clip", (target - before) / density, 0.0, 1.0)  # inf, and so 1, where a cell is too thin
+    quarter = sheet.node("MatMul", filled, np.full((CELLS, 1), math.pi / 2 / CELLS))
     turned = (quarter if count == 1 else quarter.squeeze(-1)).apply("Tan")
-    away = (turned * (deviation / (square + 4.0).apply("Sqrt"))).apply("Atan")
+    away = (deviation / (square + 4.0).apply("Sqrt") / turned).apply("Atan")
     return away * (side.apply("Sign") * 2.0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tvae.export.arranged import Affine, Arranged, mapped
-from tvae.export.draws import EDGE, SMALLEST
+from tvae.export.draws import SMALLEST
 from tvae.export.sheet import Value
 from tvae.heads import Head
 
@@ -33,9 +33,9 @@ class Numbers:
     turn: Value | None
     """(..., number of continuous signals) 2 pi u"""
     below: Value | None
-    """(..., number of angles) twice the mass below u, at least `EDGE`"""
+    """(..., number of angles) 2 u"""
     beyond: Value | None
-    """(..., number of angles) twice the mass beyond u, at least `EDGE`"""
+    """(..., number of angles) 2 - 2 u"""
     side: Value | None
     """(..., number of angles) 2 u - 1"""
     binary: Value | None
@@ -49,12 +49,11 @@ class Numbers:
 def numbers_of(noise: Value, most_likely: Value, head: Head, further: int, rank: int) -> Numbers:
     """What draws from the law of a head need, and `further` thresholds, of `noise` (..., U)."""
     sheet, space = noise.sheet, head.space
-    inner = 2 * (1 - EDGE)
     kinds = (  # how many numbers, where the mode is, slope and shift of what is made of each
         (int(head.num_components > 1), 0.5, (_UPPER,)),
         (len(space.continuous), 0.0, (_UPPER,)),
         (len(space.continuous), 0.0, ((2 * math.pi, 0.0),)),
-        (len(space.angular), 0.5, ((inner, EDGE), (-inner, inner + EDGE), (2.0, -1.0))),
+        (len(space.angular), 0.5, ((2.0, 0.0), (-2.0, 2.0), (2.0, -1.0))),
         (len(space.binary), 0.5, (_SAME,)),
         (len(space.categorical), 0.5, (_UPPER,)),
         (further, 0.5, (_SAME,)),
@@ -68,7 +67,7 @@ def numbers_of(noise: Value, most_likely: Value, head: Head, further: int, rank:
         begin += count
     certain = most_likely.above(0.5)
     modes = np.concatenate([np.full(count, mode) for count, mode, _ in kinds])
-    settled = sheet.where(certain, modes, sheet.node("Min", noise, 1 - SMALLEST))
+    settled = sheet.where(certain, modes, sheet.node("Clip", noise, SMALLEST, 1 - SMALLEST))
     lines_of_all = Affine(np.concatenate(weights), np.concatenate(shifts))
     made = mapped(Arranged(settled, np.arange(width)), lines_of_all, rank=rank)
     return Numbers(certain, *sheet.split(made, [len(shift) for shift in shifts]))
