@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 from copy import deepcopy
@@ -21,6 +22,7 @@ import tvae
 from commands import refused
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.cli import main
+from tvae.envs import zombie_dynamics
 from tvae.envs.zombie import ZombieAttackVectorEnv, success
 from tvae.export import parity
 from tvae.export.bundle import Export, export_onnx, graphs
@@ -31,6 +33,7 @@ from tvae.export.parity import Arrays, Session, carried, differences, draw, in_t
 from tvae.export.policy import PolicyStep
 from tvae.export.ports import Graph
 from tvae.export.sheet import ExportError
+from tvae.export.writing import write_onnx
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.model.decoding import Fixed, most_likely
 from tvae.rollouts import rollout
@@ -148,6 +151,15 @@ def test_every_engine_has_every_operator(exported: tuple[tvae.TrajectoryVAE, Exp
         assert {(opset.domain, opset.version) for opset in model.opset_import} == {("", 15)}
         assert all(opset.version <= engine.opset for opset in model.opset_import for engine in ENGINES)
         assert not any(node.doc_string or node.metadata_props for node in model.graph.node)
+
+
+@pytest.mark.parametrize("name", ["zombie", "circle", "navigation"])
+def test_a_step_has_few_operators(name: str, tmp_path: Path) -> None:
+    """Each costs an engine about half a microsecond, whatever it computes."""
+    import onnx
+
+    write_onnx(PolicyStep(tvae.TrajectoryVAE.from_pretrained(name)).eval(), tmp_path / "step.onnx")
+    assert len(onnx.load(tmp_path / "step.onnx").graph.node) <= 115
 
 
 def test_the_manifest_says_what_the_files_are(exported: tuple[tvae.TrajectoryVAE, Export]) -> None:
@@ -284,7 +296,7 @@ def test_without_the_extra_the_error_says_what_to_install(
 
 
 def test_a_graph_that_differs_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tvae.export.recurrence.lstm_once", lambda net, rows: rows.columns(np.arange(net.hidden_size)))
+    monkeypatch.setattr("tvae.export.recurrence.lstm_once", lambda take, give, candidate: take)
     with pytest.raises(ExportError, match="differs between ONNX Runtime and PyTorch"):
         export_onnx(model_of("window 1"), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
@@ -320,3 +332,17 @@ def test_another_manifest_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="is no export"):
         export_onnx(model_of("window 1"), tmp_path, overwrite=True)
     assert (tmp_path / "index.html").read_text(encoding="utf-8") == "kept"
+
+
+def test_the_page_in_a_browser_has_the_numbers_of_the_task() -> None:
+    """`scripts/browser_success.py` compares the worlds step by step; this needs no browser."""
+    page = EXAMPLE.parent / "browser"
+    told = dict(re.findall(r"^export const ([A-Z_]+) = (.+);$", (page / "zombie.js").read_text(), flags=re.MULTILINE))
+    task = zombie_dynamics.ZombieAttack()
+    known = vars(zombie_dynamics) | {"START_LOW": task.start_low, "START_HIGH": task.start_high}
+    assert len(told) == 9
+    for name, value in told.items():
+        assert np.array_equal(json.loads(value), known[name]), name
+    for file in ("index.html", "page.js", "episodes.js", "bot.js"):
+        for script in re.findall(r"""["'](?:\./)?(\w+\.js)["']""", (page / file).read_text()):
+            assert (page / script).exists(), f"{file}: {script}"

@@ -1,7 +1,8 @@
 """Draws as functions of uniform numbers, so that a graph draws without a random generator of its own.
 
-Every function takes uniform numbers u in [0, 1) and uses arithmetic alone: no loop whose length depends on values. A 1,
-which hosts may make of a number just below it in single precision, does no harm.
+Every function takes uniform numbers u in [0, 1) and uses arithmetic alone: no loop whose length depends on values. A 0
+counts as the smallest step above it; a 1, which hosts may make of a number just below it in single precision, as the
+largest number below it.
 """
 
 from __future__ import annotations
@@ -11,12 +12,20 @@ import math
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
 
 SMALLEST = 2.0**-24
-"""What a uniform number of single precision is at least below 1."""
+"""What a uniform number of single precision is at least below 1, and here above 0."""
 CELLS = 64
-EDGE = 1e-6
-"""The share of the outermost tails that counts as its edge."""
+
+
+def within(uniform: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """Uniform numbers strictly between 0 and 1.
+
+    >>> within(torch.tensor([0.0, 0.5, 1.0])).mul(2**24).tolist()
+    [1.0, 8388608.0, 16777215.0]
+    """
+    return uniform.clamp(SMALLEST, 1 - SMALLEST)
 
 
 def normal(radius: Float[Tensor, "*batch"], angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
@@ -25,7 +34,7 @@ def normal(radius: Float[Tensor, "*batch"], angle: Float[Tensor, "*batch"]) -> F
     >>> normal(torch.tensor([0.1, 0.5]), torch.tensor([0.3, 0.0])).mul(100).round().tolist()
     [-14.0, 118.0]
     """
-    return torch.sqrt(-2 * torch.log((1 - radius).clamp(min=SMALLEST))) * torch.cos(2 * math.pi * angle)
+    return torch.sqrt(-2 * torch.log(1 - within(radius))) * torch.cos(2 * math.pi * angle)
 
 
 def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
@@ -44,21 +53,19 @@ def von_mises(uniform: Float[Tensor, "*batch"], concentration: Float[Tensor, "*b
     s = towards / (1 + 4 * k + towards)
     density = torch.exp(-2 * k * s) * (1 + 4 * k * s)
     up_to = density.cumsum(-1)
-    outside = torch.minimum(uniform, 1 - uniform).mul(2).clamp(min=EDGE)[..., None]
-    filled = (outside * up_to[..., -1:] - (up_to - density)) / density.clamp(min=1e-30)
-    share = filled.clamp(0, 1).mean(-1)
-    away = 2 * torch.atan(1 / (torch.tan(math.pi / 2 * share) * torch.sqrt(1 + 4 * concentration)))
+    u = within(uniform)
+    outside = torch.minimum(2 * u, 2 - 2 * u)[..., None]
+    filled = (outside * up_to[..., -1:] - (up_to - density)) / density  # inf where a density is too small for a number
+    turned = torch.tan(math.pi / 2 * filled.clamp(0, 1).mean(-1))
+    away = 2 * torch.atan(1 / (turned * torch.sqrt(1 + 4 * concentration)))
     return torch.where(uniform < 0.5, -away, away)
 
 
 def category(uniform: Float[Tensor, "*#batch"], probabilities: Float[Tensor, "*#batch K"]) -> Int[Tensor, ...]:
     """The category in which u falls when they stand side by side, each as wide as it is probable.
 
-    At u = 1 it is the last one that is probable at all.
-
     >>> category(torch.tensor([0.1, 0.5, 0.99]), torch.tensor([0.2, 0.0, 0.8])).tolist()
     [0, 2, 2]
     """
-    up_to = probabilities.cumsum(-1)
-    edges = up_to[..., :-1]
-    return ((uniform[..., None] >= edges) & (edges < up_to[..., -1:])).to(torch.int64).sum(-1)
+    behind = pad(probabilities[..., 1:].flip(-1).cumsum(-1).flip(-1), (0, 1))
+    return (behind >= 1 - within(uniform)[..., None]).to(torch.int64).sum(-1)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from tvae.data.normalizer import Normalizer
-from tvae.export.draws import CELLS, EDGE, SMALLEST
-from tvae.export.layers import linear
-from tvae.export.sheet import Value
+from tvae.export.arranged import Affine, Arranged, mapped, stacked
+from tvae.export.draws import CELLS
+from tvae.export.sheet import Value, as_rows
+from tvae.export.uniform import Numbers
 from tvae.heads import Head
-from tvae.model.events import NEVER
+from tvae.spaces import IntArray
 
 Law = dict[str, Value]
 
@@ -23,42 +25,70 @@ def wrapped(angle: Value) -> Value:
 
 
 def law_of(
-    head: Head, normalizer: Normalizer, rows: Value, rank: int, origin: Value | None = None, used: Value | None = None
+    head: Head,
+    normalizer: Normalizer,
+    features: Arranged,
+    rank: int,
+    origin: Value | None = None,
+    used: Value | None = None,
 ) -> Law:
     """The law's tensors in raw units, as `tvae.export.laws.law_tensors` gives them.
 
     `origin` are standardised rows (zeros if left out); where `used` (..., N) is given, binary columns that are not
     used have the probability 0.
     """
-    sheet, space, components = rows.sheet, head.space, head.num_components
+    sheet, space, components = features.rows.sheet, head.space, head.num_components
+    continuous, angular = torch.from_numpy(space.continuous), torch.from_numpy(space.angular)
+    unit, std = head.unit[continuous], normalizer.std[continuous]
     found: Law = {}
-    if components > 1:
-        found["weights"] = sheet.node("Softmax", linear(head.weights, rows, rank=rank), axis=-1)
-    keep = [0] * (rank - 1)
-    outputs = linear(head.parameters_of_law, rows, rank=rank).reshape(*keep, components, -1)
-    mean, spread, x, y, width, log_odds, weights = sheet.split(outputs, head._sizes)
+    outputs = mapped(features, _parameters(head, normalizer, settled=origin is None), rank=rank)
+    heaviness, rest = sheet.split(outputs, [components if components > 1 else 0, components * sum(head._sizes)])
+    assert rest is not None
+    if heaviness is not None:
+        found["weights"] = sheet.node("Softmax", heaviness, axis=-1)
+    parameters = rest.reshape(*[0] * (rank - 1), components, -1)
+    mean, spread, x, y, width, log_odds, weights = sheet.split(parameters, head._sizes)
     start = None if origin is None else origin.unsqueeze(rank - 1)
     if mean is not None and spread is not None:
-        unit = head.unit[torch.from_numpy(space.continuous)]
-        std = normalizer.std[torch.from_numpy(space.continuous)]
-        middle = mean * unit if start is None else mean * unit + start.columns(space.continuous)
-        found["mean"] = middle * std + normalizer.mean[torch.from_numpy(space.continuous)]
+        if start is not None:
+            mean = (mean + start.columns(space.continuous)) * std + normalizer.mean[continuous]
+        found["mean"] = mean
         found["deviation"] = (spread.apply("Softplus") + head.floor) * (unit * std)
     if x is not None and y is not None and width is not None:
-        angle = _direction(x + 1.0, y)
-        unit = head.unit[torch.from_numpy(space.angular)]
+        angle = _direction(x, y)
         found["angle"] = angle if start is None else wrapped(angle + start.columns(space.angular))
-        found["angle_deviation"] = (width.apply("Softplus") + head.floor) * unit
+        deviation = width.apply("Softplus") + head.floor
+        found["angle_deviation"] = deviation if start is None else deviation * head.unit[angular]
     if log_odds is not None:
-        if used is not None:
-            log_odds = sheet.where(used.above(0.5).unsqueeze(rank - 1), log_odds, NEVER)
-        found["probability"] = log_odds.apply("Sigmoid")
+        probability = log_odds.apply("Sigmoid")
+        found["probability"] = probability if used is None else probability * used.unsqueeze(rank - 1)
     if weights is not None:
         mask = space.category_mask
         slots = np.where(mask, np.cumsum(mask).reshape(mask.shape) - 1, 0)
         missing = np.where(mask, 0.0, -1e9)
         found["probabilities"] = sheet.node("Softmax", weights.columns(slots) + missing, axis=-1)
     return found
+
+
+def _parameters(head: Head, normalizer: Normalizer, *, settled: bool) -> Affine:
+    """The head's layers as one: log-weights of components, then the parameters of each.
+
+    The unit of a change is in the weights, and 1 is added to what x is; where no origin is still to be added
+    (`settled`), a mean comes in raw units.
+    """
+    layer, sizes = Affine.of(head.parameters_of_law), head._sizes
+    continuous = head.space.continuous
+    scale, shift = np.ones(sum(sizes)), np.zeros(sum(sizes))
+    scale[: sizes[0]] = as_rows(head.unit)[continuous]
+    if settled:
+        scale[: sizes[0]] *= as_rows(normalizer.std)[continuous]
+        shift[: sizes[0]] = as_rows(normalizer.mean)[continuous]
+    shift[2 * sizes[0] : 2 * sizes[0] + sizes[2]] = 1
+    scales, shifts = np.tile(scale, head.num_components), np.tile(shift, head.num_components)
+    own = Affine(
+        (layer.weight * scales[:, None]).astype(np.float32), (layer.bias * scales + shifts).astype(np.float32)
+    )
+    return stacked([Affine.of(head.weights), own] if head.num_components > 1 else [own])
 
 
 def hazard(law: Law) -> Value:
@@ -68,62 +98,56 @@ def hazard(law: Law) -> Value:
     return (law["probability"] * law["weights"].unsqueeze(-1)).sum(-2)
 
 
-def chosen(head: Head, law: Law, noise: Value, most_likely: Value, rank: int) -> Value:
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was drawn."""
+
+    row: Value
+    """(..., C) in raw units"""
+    binary: Value | None
+    """(..., number of buttons) of it"""
+
+
+def choice(head: Head, law: Law, numbers: Numbers, rank: int) -> Choice:
     """The raw row that uniform numbers choose from the law of a head, as `tvae.export.laws.choose` does."""
-    sheet, space, certain = noise.sheet, head.space, most_likely.above(0.5)
-    several = head.num_components > 1
-    sizes = [int(several), len(space.continuous), len(space.continuous)]
-    sizes += [len(space.angular), len(space.binary), len(space.categorical)]
-    which, radius, turn, angles, buttons, codes = sheet.split(_first(noise, sum(sizes)), sizes)
-    if which is None:
+    sheet, space = numbers.certain.sheet, head.space
+    if numbers.component is None:
         law = {name: tensor.squeeze(rank - 1) for name, tensor in law.items()}
     else:
-        law = _of_component(head, law, _component(law["weights"], which, certain, head.num_components), rank)
-    parts: list[Value] = []
-    if radius is not None and turn is not None:
-        length = (sheet.node("Max", 1.0 - radius, SMALLEST).apply("Log") * -2.0).apply("Sqrt")
-        away = law["deviation"] * length * (turn * (2 * math.pi)).apply("Cos")
-        parts.append(law["mean"] + sheet.where(certain, 0.0, away))
-    if angles is not None:
-        away = _von_mises(angles, law["angle_deviation"], rank)
-        parts.append(wrapped(law["angle"] + sheet.where(certain, 0.0, away)))
-    if buttons is not None:
-        parts.append(law["probability"].above(sheet.where(certain, 0.5, buttons)).number())
-    if codes is not None:
-        most = sheet.node("ArgMax", law["probabilities"], axis=-1, keepdims=0).number()
-        drawn = _category(codes.unsqueeze(-1), law["probabilities"], space.category_mask.shape[1]).squeeze(-1)
-        parts.append(sheet.where(certain, most, drawn))
-    order = np.concatenate([space.continuous, space.angular, space.binary, space.categorical])
-    rows = sheet.join(parts)
-    return rows if (order == np.arange(len(order))).all() else rows.columns(np.argsort(order))
+        weights = law["weights"]
+        one = sheet.node("Hardmax", _preferred(numbers.certain, numbers.component, weights), axis=-1)
+        law = _of_component(head, law, one.unsqueeze(-1), rank)
+    parts: list[tuple[IntArray, Value]] = []
+    buttons = None
+    if numbers.radius is not None and numbers.turn is not None:
+        length = (numbers.radius.apply("Log") * -2.0).apply("Sqrt")
+        parts.append((space.continuous, law["mean"] + law["deviation"] * length * numbers.turn.apply("Cos")))
+    if numbers.below is not None and numbers.beyond is not None and numbers.side is not None:
+        outside = sheet.node("Min", numbers.below, numbers.beyond)
+        away = _von_mises(outside, numbers.side, law["angle_deviation"], len(space.angular))
+        parts.append((space.angular, wrapped(law["angle"] + away)))
+    if numbers.binary is not None:
+        buttons = law["probability"].above(numbers.binary).number()
+        parts.append((space.binary, buttons))
+    if numbers.categorical is not None:
+        preferred = _preferred(numbers.certain, numbers.categorical.unsqueeze(-1), law["probabilities"])
+        parts.append((space.categorical, sheet.node("ArgMax", preferred, axis=-1, keepdims=0).number()))
+    parts.sort(key=lambda part: int(part[0][0]))
+    order = np.concatenate([columns for columns, _ in parts])
+    row = sheet.join([value for _, value in parts])
+    return Choice(row if (order == np.arange(len(order))).all() else row.columns(np.argsort(order)), buttons)
 
 
-def _first(noise: Value, count: int) -> Value:
-    """The first columns."""
-    return noise.sheet.node("Slice", noise, np.array([0]), np.array([count]), np.array([-1]))
+def _preferred(certain: Value, upper: Value, probabilities: Value) -> Value:
+    """Numbers (..., K), the first of the largest of which is the choice: `draws.category` of 1 - u, or the mode."""
+    sheet = certain.sheet
+    behind = sheet.node("CumSum", probabilities, np.array(-1), exclusive=1, reverse=1)
+    return sheet.where(certain, probabilities, upper.above(behind).number())
 
 
-def _component(weights: Value, which: Value, certain: Value, count: int) -> Value:
-    """The number (..., 1) of the component drawn, or of the heaviest."""
-    heaviest = weights.sheet.node("ArgMax", weights, axis=-1, keepdims=1).number()
-    return weights.sheet.where(certain, heaviest, _category(which, weights, count))
-
-
-def _category(uniform: Value, probabilities: Value, count: int) -> Value:
-    """`draws.category`, as a number (..., 1) of `uniform` (..., 1)."""
-    sheet = uniform.sheet
-    if count == 1:
-        return uniform * 0.0
-    up_to = sheet.node("CumSum", probabilities, np.array(-1))
-    edges = up_to.columns(np.arange(count - 1))
-    inner = sheet.node("Less", edges, up_to.columns([count - 1])).number()
-    beyond = sheet.node("GreaterOrEqual", uniform, edges).number() * inner
-    return sheet.node("ReduceSum", beyond, np.array([-1]), keepdims=1)
-
-
-def _of_component(head: Head, law: Law, index: Value, rank: int) -> Law:
-    """The law of the component with this number (..., 1), without the axis of components."""
-    sheet, space = index.sheet, head.space
+def _of_component(head: Head, law: Law, one: Value, rank: int) -> Law:
+    """The law of the component that is 1 in `one` (..., K, 1), without the axis of components."""
+    sheet, space = one.sheet, head.space
     categories = space.category_mask.shape
     widths = {
         "mean": len(space.continuous),
@@ -137,8 +161,6 @@ def _of_component(head: Head, law: Law, index: Value, rank: int) -> Law:
     parts = [law[name] for name in there]
     if "probabilities" in law:
         parts[-1] = parts[-1].reshape(*[0] * rank, widths["probabilities"])
-    numbers = np.arange(head.num_components, dtype=np.float32)
-    one = sheet.node("Equal", index, numbers).number().unsqueeze(-1)
     pieces = sheet.split((sheet.join(parts) * one).sum(rank - 1), [widths[name] for name in there])
     found = {name: piece for name, piece in zip(there, pieces, strict=True) if piece is not None}
     if "probabilities" in found:
@@ -153,21 +175,24 @@ def _direction(x: Value, y: Value) -> Value:
     return (y / x).apply("Atan") + sheet.where(x.below(0.0), half_turn, 0.0)
 
 
-def _von_mises(uniform: Value, deviation: Value, rank: int) -> Value:
-    """`draws.von_mises` at the concentration 1 / deviation^2."""
-    sheet = uniform.sheet
-    k = (deviation * deviation).apply("Reciprocal")
-    wide = k * 4.0 + 1.0
+def _von_mises(outside: Value, side: Value, deviation: Value, count: int) -> Value:
+    """`draws.von_mises` of `count` angles at the concentration k = 1 / deviation^2.
+
+    With d = deviation and t = `towards`, -2 k s = 1 / (-d^2 (1 + 1 / t) / 2 - 2 / t).
+    """
+    sheet, square = outside.sheet, deviation * deviation
     middles = (np.arange(CELLS) + 0.5) / CELLS
-    towards = (1 / np.tan(math.pi / 2 * middles) ** 2).astype(np.float32)
-    s = sheet.constant(towards) / (wide.unsqueeze(-1) + towards)
-    ks = s * k.unsqueeze(-1)
-    density = (ks * -2.0).apply("Exp") * (ks * 4.0 + 1.0)
-    up_to = sheet.node("CumSum", density, np.array(-1))
-    outside = sheet.node("Max", sheet.node("Min", uniform, 1.0 - uniform) * 2.0, EDGE).unsqueeze(-1)
-    target = outside * up_to.columns([CELLS - 1])
-    filled = (target - (up_to - density)) / sheet.node("Max", density, 1e-30)
-    share = sheet.node("Clip", filled, 0.0, 1.0)
-    mean = sheet.node("ReduceMean", share, axes=[-1], keepdims=0)
-    away = ((mean * (math.pi / 2)).apply("Tan") * wide.apply("Sqrt")).apply("Reciprocal").apply("Atan") * 2.0
-    return sheet.where(uniform.below(0.5), away.apply("Neg"), away)
+    inverse = np.tan(math.pi / 2 * middles) ** 2
+
+    def cells(value: Value) -> Value:
+        return value if count == 1 else value.unsqueeze(-1)
+
+    exponent = (cells(square) * (-(1 + inverse) / 2) + -2 * inverse).apply("Reciprocal")
+    density = exponent.apply("Exp") * (0.5 - exponent)
+    before = sheet.node("CumSum", density, np.array(-1), exclusive=1)
+    target = cells(outside) * sheet.node("ReduceSum", density, np.array([-1]), keepdims=1)
+    filled = sheet.node("Clip", (target - before) / density, 0.0, 1.0)  # inf, and so 1, where a cell is too thin
+    quarter = sheet.node("MatMul", filled, np.full((CELLS, 1), math.pi / 2 / CELLS))
+    turned = (quarter if count == 1 else quarter.squeeze(-1)).apply("Tan")
+    away = (deviation / (square + 4.0).apply("Sqrt") / turned).apply("Atan")
+    return away * (side.apply("Sign") * 2.0)

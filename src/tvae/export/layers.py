@@ -1,4 +1,4 @@
-"""The parts of a model, written down as ONNX: normalisers, what a policy perceives, layers, and what a trunk sees.
+"""The parts of a model, written down as ONNX: normalisers, layers, and what a trunk sees.
 
 What each computes stands in the module of the same name in `tvae.model`, `tvae.data` or PyTorch; the check of every
 export against PyTorch holds the two together.
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tvae.data.normalizer import Normalizer
+from tvae.export.arranged import Affine
 from tvae.export.sheet import Input, Sheet, Value, as_rows
-from tvae.model.perception import MARGIN, SMALLEST, NoPerception, Perception
 from tvae.model.trunks import LARGEST
 
 
@@ -40,36 +40,16 @@ def features(normalizer: Normalizer, rows: Value) -> Value:
     return rows.sheet.join(parts)
 
 
-def within(perception: Perception | NoPerception, raw: Value) -> Value:
-    """`Perception.within`."""
-    if isinstance(perception, NoPerception):
-        return raw
-    margin = MARGIN * (perception.largest - perception.least)
-    # Numbers that stand for no bound: not every engine reads an infinite constant.
-    lower = (perception.least - margin).clamp(-3e38, 3e38)
-    upper = (perception.largest + margin).clamp(-3e38, 3e38)
-    return raw.sheet.node("Min", raw.sheet.node("Max", raw, lower), upper)
-
-
-def perceived(perception: Perception | NoPerception, raw: Value) -> list[Value]:
-    """`Perception.forward` of rows within the range, in parts."""
-    if isinstance(perception, NoPerception):
-        return []
-    space, sheet, parts = perception.space, raw.sheet, []
-    if len(space.continuous):
-        logs = sheet.node("Max", raw.columns(space.continuous), SMALLEST).apply("Log")
-        parts.append((logs - perception.log_mean) * perception.log_scale)
-    if len(space.angular) > 1:
-        relative = raw.columns(space.angular[1:]) - raw.columns(space.angular[:1])
-        parts += [relative.apply("Cos"), relative.apply("Sin")]
-    return parts
-
-
 def linear(layer: nn.Linear, rows: Value, *, rank: int = 2) -> Value:
     """An affine layer on rows, or on sequences of rows (rank 3)."""
     if rank == 2:
         return rows.sheet.node("Gemm", rows, layer.weight, layer.bias, transB=1)
     return rows.sheet.node("MatMul", rows, as_rows(layer.weight).T) + layer.bias
+
+
+def silu(rows: Value) -> Value:
+    """x sigmoid(x)."""
+    return rows * rows.apply("Sigmoid")
 
 
 def chain(layers: nn.Sequential, rows: Value, *, rank: int = 2) -> Value:
@@ -79,7 +59,7 @@ def chain(layers: nn.Sequential, rows: Value, *, rank: int = 2) -> Value:
             case nn.Linear():
                 rows = linear(layer, rows, rank=rank)
             case nn.SiLU():
-                rows = rows * rows.apply("Sigmoid")
+                rows = silu(rows)
             case _:
                 raise TypeError(f"no layer of this kind can be written as ONNX: {type(layer).__name__}")
     return rows
@@ -105,18 +85,16 @@ def lstm(net: nn.LSTM, steps: Value, hidden: Value | None = None, cell: Value | 
     return Remembered(*found)
 
 
-def lstm_once(net: nn.LSTM, rows: Value) -> Value:
-    """The output (N, H) of an LSTM after one row (N, F) from a state of zero, where its forget gate has no say."""
+def gates(net: nn.LSTM) -> list[Affine]:
+    """Input gate, output gate and candidate of an LSTM in a state of zero, where its forget gate has no say."""
     into, _, bias, second = _weights(net)
-    take, _, new, give = np.split(into, 4)
-    take_bias, _, new_bias, give_bias = np.split(bias + second, 4)
-    sheet, size = rows.sheet, net.hidden_size
-    weights, biases = np.concatenate([take, give, new]), np.concatenate([take_bias, give_bias, new_bias])
-    open_gates, candidate = sheet.nodes_of(
-        "Split", [sheet.node("Gemm", rows, weights, biases, transB=1), np.array([2 * size, size])], 2, axis=-1
-    )
-    taken, given = sheet.nodes_of("Split", [open_gates.apply("Sigmoid"), np.array([size, size])], 2, axis=-1)
-    return (taken * candidate.apply("Tanh")).apply("Tanh") * given
+    found = [Affine(*pair) for pair in zip(np.split(into, 4), np.split(bias + second, 4), strict=True)]
+    return [found[0], found[3], found[2]]
+
+
+def lstm_once(take: Value, give: Value, candidate: Value) -> Value:
+    """The output (N, H) of an LSTM after one row from a state of zero, of what `gates` gave."""
+    return (take.apply("Sigmoid") * candidate.apply("Tanh")).apply("Tanh") * give.apply("Sigmoid")
 
 
 def _weights(net: nn.LSTM) -> list[NDArray[np.float32]]:

@@ -15,12 +15,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tvae.export.heads import chosen, hazard, law_of
+from tvae.export.arranged import Arranged
+from tvae.export.heads import choice, hazard, law_of
+from tvae.export.inputs import seen
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
-from tvae.export.layers import chain, features, perceived, present, values, within
 from tvae.export.ports import BATCH, Graph, Port
 from tvae.export.recurrence import Carried, react
 from tvae.export.sheet import Value
+from tvae.export.uniform import numbers_of
 from tvae.model.events import SURE
 from tvae.model.trunks import Memory, ReactiveTrunk
 from tvae.model.tvae import TrajectoryVAE
@@ -126,8 +128,7 @@ class PolicyStep(Graph):
         tensors = law_tensors(law, model.action_normalizer)
         action = choose(tensors, model.action_space, noise, given["most_likely"])
         if num_events:
-            missed = (1 - kept["due"]) * (1 - model.events.hazard(law) * model.events.of(action))
-            known["due"] = 1 - missed
+            known["due"] = kept["due"] + (1 - kept["due"]) * model.events.hazard(law) * model.events.of(action)
         known |= recurrent
         memory = torch.cat([known[field.name] for field in self.fields], dim=-1)
         return {"action": action, **tensors, "memory_out": memory}
@@ -162,37 +163,30 @@ class PolicyStep(Graph):
 
     def write(self, given: dict[str, Value]) -> dict[str, Value]:
         """The action, its law, and the next memory."""
-        model, raw, memory, noise = self.model, given["observation"], given["memory"], given["noise"]
-        sheet, events = raw.sheet, model.events.num_events
+        model, raw, memory = self.model, given["observation"], given["memory"]
+        sheet, events, head = raw.sheet, model.events.num_events, model.policy_decoder.head
         pieces = sheet.split(memory, [field.size for field in self.fields])
         kept = {field.name: piece for field, piece in zip(self.fields, pieces, strict=True) if piece is not None}
         started = kept["started"].above(0.5)
         after: dict[str, Value] = {"started": sheet.node("Max", kept["started"], 1.0)}
-        used = done = None
+        numbers = numbers_of(given["noise"], given["most_likely"], head, events, 2)
+        inputs = seen(model.perception, model.observation_normalizer, raw)
+        missed = None
         if events:
-            numbers = noise.columns(np.arange(len(self.noise) - events, len(self.noise)))
-            threshold = sheet.where(given["most_likely"].above(0.5), 0.5, numbers)
-            used = sheet.where(started, kept["used"], self._occurrence(given).above(threshold).number())
-            done = sheet.node("LessOrEqual", 1.0 - kept["due"], 1 - SURE).number()
-            after["used"] = used
-        clear = within(model.perception, raw)
-        seen = features(model.observation_normalizer, values(model.observation_normalizer, clear))
-        inputs = present(sheet, [seen, *perceived(model.perception, clear), done])
+            missed = 1.0 - kept["due"]
+            size = model.policy_decoder.trunk.unit.numel()
+            done = sheet.node("LessOrEqual", missed, 1 - SURE).number()
+            inputs.append(Arranged(done, np.arange(size - events, size)))
         carried = Carried(started, kept.get("last"), kept.get("hidden"), kept.get("cell"))
-        rows, recurrent = react(model.policy_decoder.trunk, inputs, given.get("z"), carried, self.window)
-        head = model.policy_decoder.head
-        law = law_of(head, model.action_normalizer, rows, 2, used=used)
-        action = chosen(head, law, noise, given["most_likely"], 2)
-        if events:
-            occurred = action.columns(model.events.columns.cpu().numpy())
-            after["due"] = 1.0 - (1.0 - kept["due"]) * (1.0 - hazard(law) * occurred)
-        after |= recurrent
-        return {"action": action, **law, "memory_out": sheet.join([after[field.name] for field in self.fields])}
-
-    def _occurrence(self, given: dict[str, Value]) -> Value:
-        """p(E = 1 | z), of each event."""
-        events, sheet = self.model.events, given["memory"].sheet
-        assert events.share is not None
-        if events.by_style is None:
-            return sheet.constant(events.share[None]).apply("Sigmoid")
-        return (chain(events.by_style, given["z"]) + events.share).apply("Sigmoid")
+        found = react(model.policy_decoder.trunk, model.events, inputs, given.get("z"), carried, self.window)
+        used = None
+        if numbers.further is not None and model.events.share is not None:
+            log_odds = sheet.constant(model.events.share[None]) if found.used is None else found.used
+            drawn = log_odds.apply("Sigmoid").above(numbers.further).number()
+            after["used"] = used = sheet.where(started, kept["used"], drawn)
+        law = law_of(head, model.action_normalizer, found.features, 2, used=used)
+        chosen = choice(head, law, numbers, 2)
+        if missed is not None and chosen.binary is not None:
+            after["due"] = kept["due"] + missed * hazard(law) * chosen.binary
+        after |= found.after
+        return {"action": chosen.row, **law, "memory_out": sheet.join([after[field.name] for field in self.fields])}

@@ -6,12 +6,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tvae.export.heads import chosen, law_of
+from tvae.export.arranged import Arranged
+from tvae.export.heads import choice, law_of
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
 from tvae.export.layers import features, linear, over_time, values
 from tvae.export.ports import BATCH, TIME, Graph, Port
 from tvae.export.recurrence import read
 from tvae.export.sheet import Value
+from tvae.export.uniform import numbers_of
 from tvae.model.encoder import LOG_VARIANCE_RANGE, Encoder
 from tvae.model.tvae import TrajectoryVAE
 
@@ -157,11 +159,12 @@ class StateDecoderGraph(Graph):
             acted = values(model.action_normalizer, given["actions"])
             inputs = sheet.join([inputs, features(model.action_normalizer, acted)])
         after = read(decoder.trunk, inputs, given.get("z"), model.latent_features)
-        law = law_of(decoder.head, model.observation_normalizer, after, 3, origin=rows)
-        found = {"next_observations": chosen(decoder.head, law, noise, given["most_likely"], 3), **law}
-        if isinstance(decoder.stop, nn.Linear):
-            ends = linear(decoder.stop, after, rank=3).squeeze(-1).apply("Sigmoid")
-            number = noise.columns([len(self.noise) - 1]).squeeze(-1)
-            threshold = sheet.where(given["most_likely"].above(0.5), 0.5, number)
-            found |= {END: ends.above(threshold).number(), "end_probability": ends}
+        numbers = numbers_of(noise, given["most_likely"], decoder.head, int(model.stop), 3)
+        features_after = Arranged(after, np.arange(decoder.trunk.num_features))
+        law = law_of(decoder.head, model.observation_normalizer, features_after, 3, origin=rows)
+        found = {"next_observations": choice(decoder.head, law, numbers, 3).row, **law}
+        if isinstance(decoder.stop, nn.Linear) and numbers.further is not None:
+            ends = linear(decoder.stop, after, rank=3).apply("Sigmoid")
+            end = ends.above(numbers.further).number()
+            found |= {END: end.squeeze(-1), "end_probability": ends.squeeze(-1)}
         return found

@@ -44,6 +44,7 @@ class Sheet:
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
         self._known: dict[tuple[str, tuple[int, ...], bytes], str] = {}
+        self._named: dict[str, str] = {}
 
     def value(self, name: str) -> Value:
         """The value of this name."""
@@ -78,8 +79,15 @@ class Sheet:
         return given if isinstance(given, Value) else self.constant(given)
 
     def name(self, value: Value, name: str) -> None:
-        """Let a value be an output of the graph under `name`."""
-        self.nodes.append(self._helper.make_node("Identity", [value.name], [name], f"output_{name}"))
+        """Let a value be an output of the graph under `name`; one that no operator gave, or that has a name, again."""
+        if value.name in self._named or all(value.name not in node.output for node in self.nodes):
+            source = self._named.get(value.name, value.name)
+            self.nodes.append(self._helper.make_node("Identity", [source], [name], f"output_{name}"))
+            return
+        for node in self.nodes:
+            for names in (node.input, node.output):
+                names[:] = [name if found == value.name else found for found in names]
+        self._named[value.name] = name
 
     def join(self, values: Sequence[Value], axis: int = -1) -> Value:
         """Values side by side."""
