@@ -55,12 +55,12 @@ def resampled(
     done[new_final] = np.nan
     held = _held(at, index, new)
     table = _facts(table, held, ~final, cell, len(member))
+    times = index.times[index.starts][member] + step * every
     if pa.types.is_temporal(table[clock.column].type):
-        times = index.times[index.starts][member] + step * every
-        table = _set(table, clock.column, _moments(table[clock.column], times - index.times[held]))
+        moments = _moments(table[clock.column], times - index.times[held])
     else:
-        times = index.times[index.starts][member] + step * every
-        table = _set(table, clock.column, pa.chunked_array([times]))
+        moments = pa.chunked_array([times])
+    table = _set(table, clock.column, moments)
     return table, new, observations.having(seen), actions.having(done), new_final
 
 
@@ -119,7 +119,7 @@ def _facts(
             continue
         kind = table[name].type
         if not (pa.types.is_boolean(kind) or pa.types.is_floating(kind) or pa.types.is_integer(kind)):
-            continue  # refused with all else that is wrong
+            continue
         values = table[name].filter(pa.array(acting)).cast(pa.float64()).to_numpy()
         together = np.zeros(count)
         gather = np.add if name == "reward" else np.maximum

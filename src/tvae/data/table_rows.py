@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from tvae.data.columns import plain
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.estimates import MissingRule
 from tvae.data.filling import filled
 from tvae.data.issues import Issue
-from tvae.data.preparation import AS_RECORDED, Preparation
+from tvae.data.preparation import AS_RECORDED, Clock, Preparation
 from tvae.data.raw_table import RawTable
 from tvae.data.resampling import resampled
 from tvae.data.table_facts import read_facts
@@ -79,20 +80,23 @@ def examine(
         return Examined(None, tuple(issues))
     rows = Rows(table, index, observations, actions)
     if preparation.missing is not None:
-        rows = _without_gaps(rows, preparation)
+        rows = _without_gaps(rows, preparation.missing)
         if len(rows.index.episodes) == 0:
             message = f"all {len(index.episodes):,} episodes lack a value and are left out"
             return Examined(None, (*issues, Issue(message)))
+    gap = "is missing or not a number"
+    gap += "" if preparation.missing is None else ", and the rule has no value for it"
     for name, missing in zip(observations.columns, np.isnan(rows.observations.rows).T, strict=True):
-        issues += rows.index.issue(missing, name, "is missing or not a number")
+        issues += rows.index.issue(missing, name, gap)
     final, found = final_rows(rows.actions, rows.index)
     issues += found
-    if not issues and preparation.clock is not None and preparation.clock.resample is not None:
-        rows, final = _at_even_steps(rows, final, preparation)
     steps, attributes, found = read_facts(rows.table, rows.index, ~final, schema)
     issues += found
     if issues:
         return Examined(None, tuple(issues))
+    if preparation.clock is not None and preparation.clock.resample is not None:
+        rows, final = _at_even_steps(rows, final, preparation.clock)
+        steps, attributes, _ = read_facts(rows.table, rows.index, ~final, schema)
     index = rows.index
     lengths = index.counts - final[index.starts + index.counts - 1]
     demonstrations = Demonstrations(
@@ -138,12 +142,11 @@ def _layout_issues(
     return issues
 
 
-def _without_gaps(rows: Rows, preparation: Preparation) -> Rows:
+def _without_gaps(rows: Rows, rule: MissingRule) -> Rows:
     """The same rows with missing values filled, or without the episodes that lack one."""
-    assert preparation.missing is not None
     nothing_done = np.isnan(rows.actions.rows).all(axis=1) & rows.index.is_last()
-    observations, whole = filled(rows.observations, rows.index, preparation.missing)
-    actions, also_whole = filled(rows.actions, rows.index, preparation.missing, ~nothing_done)
+    observations, whole = filled(rows.observations, rows.index, rule)
+    actions, also_whole = filled(rows.actions, rows.index, rule, ~nothing_done)
     kept = whole & also_whole
     if kept.all():
         return Rows(rows.table, rows.index, observations, actions)
@@ -156,12 +159,8 @@ def _without_gaps(rows: Rows, preparation: Preparation) -> Rows:
     )
 
 
-def _at_even_steps(
-    rows: Rows, final: NDArray[np.bool_], preparation: Preparation
-) -> tuple[Rows, NDArray[np.bool_]]:
-    """The rows at the steps of the preparation's clock, and which of them (N,) have no action."""
-    clock = preparation.clock
-    assert clock is not None
+def _at_even_steps(rows: Rows, final: NDArray[np.bool_], clock: Clock) -> tuple[Rows, NDArray[np.bool_]]:
+    """The rows at the steps of the clock, and which of them (N,) have no action."""
     table, index, observations, actions, final = resampled(
         rows.table, rows.index, rows.observations, rows.actions, final, clock
     )
