@@ -165,6 +165,8 @@ def test_a_source_is_found_and_read_again(tmp_path: Path, monkeypatch: pytest.Mo
         source = Source(path, reading).absolute()
         assert source.path == found
         assert Source.from_json(json.loads(json.dumps(asdict(source)))) == source
+    earlier = {"path": "a.csv", "angular": ["action.a"], "continuous": [], "categorical": [], "segment": 5}
+    assert Source.from_json(earlier) == Source("a.csv", Reading(angular=("action.a",), segment=5))
 
 
 def test_options_from_a_file(table: Path, tmp_path: Path) -> None:

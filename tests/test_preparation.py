@@ -161,6 +161,13 @@ def test_resampling_hides_nothing_that_is_missing() -> None:
     ]
 
 
+def test_times_of_the_day() -> None:
+    clock = pa.array([0, 1, 2, 4, 5], pa.time32("s"))
+    kept = load({**UNEVEN, "t": clock}, clock=Clock("t", every=1.0, resample=hold_last))
+    assert kept[0].observations[:, 0].tolist() == [0, 5, 1, 1, 3, 4]
+    assert kept[0].steps["t"].tolist() == ["00:00:00", "00:00:01", "00:00:02", "00:00:02", "00:00:04"]
+
+
 def test_dates_and_times() -> None:
     moments = pa.array([0, 500, 1000, 3000, 4000], pa.timestamp("ms"))
     kept = load({**UNEVEN, "t": moments}, clock=Clock("t", every=1.0, resample=interpolate))
@@ -168,7 +175,7 @@ def test_dates_and_times() -> None:
     assert kept[0].steps["t"].tolist()[2].startswith("1970-01-01 00:00:02")
 
 
-@settings(quick, max_examples=20)
+@settings(quick, max_examples=10)
 @given(
     st.lists(st.integers(1, 6), min_size=1, max_size=3),
     st.sampled_from([hold_last, interpolate]),

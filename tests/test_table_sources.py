@@ -57,7 +57,7 @@ def test_the_index_of_a_frame() -> None:
     assert load_demonstrations(frame[frame.episode == "a"])[0].attributes == {"episode": "a", "label": "slow"}
 
 
-@settings(quick, max_examples=8)
+@settings(quick, max_examples=4)
 @given(demonstrations())
 def test_frames_lose_nothing(tmp_path_factory: pytest.TempPathFactory, kept: Demonstrations) -> None:
     path = tmp_path_factory.mktemp("frames") / "a.parquet"
@@ -140,7 +140,7 @@ def test_many_files_are_one_table(parts: Path, monkeypatch: pytest.MonkeyPatch) 
     assert validate(parts) == []
 
 
-@settings(quick, max_examples=8)
+@settings(quick, max_examples=4)
 @given(demonstrations())
 def test_a_file_for_each_episode_loses_nothing(
     tmp_path_factory: pytest.TempPathFactory, kept: Demonstrations
@@ -156,6 +156,8 @@ def test_files_without_episodes_are_episodes(tmp_path: Path) -> None:
         (tmp_path / f"{name}.csv").write_text("step,observation.x,action.a\n0,1,0.5\n1,2,0.5\n")
     kept = load_demonstrations(tmp_path, continuous=["observation.x"])
     assert kept.attributes["episode"].tolist() == ["anna", "bert"]
+    alone = load_demonstrations([tmp_path / "bert.csv"], continuous=["observation.x"])
+    assert alone.attributes["episode"].tolist() == ["bert"]
     (tmp_path / "more").mkdir()
     (tmp_path / "more" / "anna.csv").write_text("step,observation.x,action.a\n0,1,0.5\n")
     with pytest.raises(DataError, match="files without a column 'episode' need different names, got 'anna' twice"):

@@ -55,12 +55,7 @@ def resampled(
     done[new_final] = np.nan
     held = _held(at, index, new)
     table = _facts(table, held, ~final, cell, len(member))
-    times = index.times[index.starts][member] + step * every
-    if pa.types.is_temporal(table[clock.column].type):
-        moments = _moments(table[clock.column], times - index.times[held])
-    else:
-        moments = pa.chunked_array([times])
-    table = _set(table, clock.column, moments)
+    table = _set(table, clock.column, _moments(table[clock.column], index, held, new.times * every))
     return table, new, observations.having(seen), actions.having(done), new_final
 
 
@@ -133,7 +128,10 @@ def _set(table: pa.Table, name: str, column: pa.ChunkedArray) -> pa.Table:
     return table.set_column(table.column_names.index(name), name, column)
 
 
-def _moments(held: pa.ChunkedArray, later: FloatArray) -> pa.ChunkedArray:
-    """Dates and times, so many seconds later."""
-    nanoseconds = pa.chunked_array([np.round(later * 1e9).astype(np.int64)])
-    return pc.add(held, nanoseconds.cast(pa.duration("ns")))
+def _moments(recorded: pa.ChunkedArray, index: TableIndex, held: IntArray, later: FloatArray) -> pa.ChunkedArray:
+    """When the new rows are, `later` (M,) than their episode's first; times of the day stay as last recorded."""
+    times = index.times[index.starts][index.member[held]] + later
+    if pa.types.is_timestamp(recorded.type):
+        nanoseconds = pa.chunked_array([np.round((times - index.times[held]) * 1e9).astype(np.int64)])
+        return pc.add(recorded, nanoseconds.cast(pa.duration("ns")))
+    return recorded if pa.types.is_temporal(recorded.type) else pa.chunked_array([times])

@@ -58,8 +58,6 @@ def read_table_files(paths: Sequence[Path]) -> RawTable:
     if not paths:
         raise DataError(f"needs at least one file ({_SUFFIXES}), got none")
     raws = [read_table_file(path) for path in paths]
-    if len(raws) == 1:
-        return raws[0]
     first = raws[0]
     for path, raw in zip(paths[1:], raws[1:], strict=True):
         _check_columns(path, raw.table, paths[0], first.table)

@@ -34,8 +34,9 @@ def times_of(values: pa.ChunkedArray, column: str) -> FloatArray | Issue:
     if missing is not None:
         return missing
     kind = values.type
-    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
-        ticks = values.cast(pa.int64()).to_numpy()
+    if pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_duration(kind):
+        whole = pa.int32() if pa.types.is_time32(kind) else pa.int64()
+        ticks = values.cast(whole).to_numpy()
         per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[kind.unit]
         seconds: FloatArray = (ticks - ticks.min(initial=ticks[0])) / per_second
         return seconds

@@ -90,9 +90,13 @@ class Source:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Source:
-        """The inverse of `dataclasses.asdict`, after JSON has made lists of tuples."""
+        """The inverse of `dataclasses.asdict`, after JSON has made lists of tuples.
+
+        Runs of earlier versions have the fields of `reading` beside `path`.
+        """
+        written = data["reading"] if "reading" in data else {name: data[name] for name in data if name != "path"}
         reading: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in data["reading"].items()
+            name: tuple(value) if isinstance(value, list) else value for name, value in written.items()
         }
         return cls(data["path"], Reading(**reading))
 
