@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from safetensors.torch import load_file
 import tvae
 from commands import call, refused
 from tvae.envs.zombie import zombie_demonstrations
+from tvae.experiments.source import Reading, Source
 
 SMALL = ["--training.num-steps", "30", "--training.evaluate-every", "10", "--model.hidden-features", "8"]
 
@@ -128,6 +130,44 @@ def test_data_verbs(table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
         call("data", "validate", tmp_path / "broken.csv")
     assert stopped.value.code == 1
     assert "gap" in capsys.readouterr().out
+
+
+def test_recordings_as_they_come(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for day in ("monday", "tuesday"):
+        rows = [f"{day},{p},{t},{t}.5,{t % 2 == 0},{t // 4}" for t in (0, 1, 3, 4, 6, 7) for p in ("anna", "bert")]
+        rows[2] = rows[2].replace("1.5", "")
+        text = "\n".join(["episode,player,t,observation.x,action.go,level", *rows])
+        (tmp_path / f"{day}.csv").write_text(text + "\n")
+    log = tmp_path / "*.csv"
+    with pytest.raises(SystemExit):
+        call("data", "validate", log, "--player", "player", "--time", "t")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "episode monday/anna, step 2, column t: is 2 after the row before, but steps are 1 apart" in said
+    assert "step 1, column observation.x: is missing or not a number (2 times)" in said
+    rules = ["--player", "player", "--time", "t", "--every", "1", "--resample", "linear", "--missing", "hold"]
+    call("data", "validate", log, *rules)
+    call("data", "info", log, *rules, "--out", tmp_path / "pictures")
+    assert "4 episodes, 32 steps" in capsys.readouterr().out
+    assert (tmp_path / "pictures/overview.png").read_bytes().startswith(b"\x89PNG")
+    for cut, lengths in (("--segment-by=level", [4, 4] * 4), ("--segment-at=action.go", [1, 4, 1, 1, 1] * 4)):
+        call("data", "convert", log, tmp_path / "parts.parquet", *rules, cut, "--force")
+        assert sorted(tvae.load_demonstrations(tmp_path / "parts.parquet").lengths) == sorted(lengths)
+    call("data", "convert", log, tmp_path / "dropped.tvae", *rules[:-1], "drop")
+    assert tvae.load_demonstrations(tmp_path / "dropped.tvae").attributes["player"].tolist() == ["bert", "bert"]
+    assert "are cut one way" in refused(capsys, "data", "info", log, *rules, "--segment", "2", "--segment-by", "level")
+    assert "by a column with the time" in refused(capsys, "data", "info", log, "--resample", "hold")
+    assert "needs to be above 0, got 0.0" in refused(capsys, "data", "info", log, "--time", "t", "--every", "0")
+
+
+def test_a_source_is_found_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    reading = Reading(angular=("action.a",), only=("action",), time="t", resample="hold", segment_at="action.a")
+    for path, found in (("days/*.csv", str(tmp_path / "days/*.csv")), ("studio/walks-v0", "studio/walks-v0")):
+        source = Source(path, reading).absolute()
+        assert source.path == found
+        assert Source.from_json(json.loads(json.dumps(asdict(source)))) == source
+    earlier = {"path": "a.csv", "angular": ["action.a"], "continuous": [], "categorical": [], "segment": 5}
+    assert Source.from_json(earlier) == Source("a.csv", Reading(angular=("action.a",), segment=5))
 
 
 def test_options_from_a_file(table: Path, tmp_path: Path) -> None:

@@ -16,12 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Circle
 
+from tvae.data.arrays import from_arrays
 from tvae.data.trajectory import Trajectory
 from tvae.figures.canvas import new_figure, plain_axes, save
 from tvae.figures.curves import training_curves
 from tvae.figures.latent import latent_plane, latent_space
 from tvae.figures.markup import to_markup
 from tvae.figures.overcooked import draw_overcooked
+from tvae.figures.overview import draw_overview
 from tvae.figures.palette import ALERT, INK, STYLE_COLOURS, style_colour, style_marker
 from tvae.figures.trajectories import draw_path, draw_trajectory, grid, planes, share_limits
 from tvae.figures.zombie import draw_zombie, zombie_paths
@@ -355,3 +357,23 @@ def test_overcooked_laps_and_soups_are_drawn() -> None:
     np.testing.assert_allclose(drawn["laps of player 0"][-1], (80, 2))
     np.testing.assert_allclose(drawn["laps of player 1"][-1], (80, -2))
     np.testing.assert_allclose(drawn["soup"], [(40, 0)])
+
+
+def test_an_overview_shows_lengths_signals_and_episodes() -> None:
+    names = ("x", "$y$", "heading", "room")
+    space = Space((Continuous("x"), Continuous("$y$"), Angular("heading"), Categorical("room", ("$hall$", "attic"))))
+    kept = from_arrays(
+        [np.tile([0.5, 1.5, 9.0, 1.0], (length, 1)) for length in range(2, 12)],
+        [np.arange(length) % 2 == 0 for length in range(2, 12)],
+        observation_space=space,
+    )
+    figure = draw_overview(kept)
+    panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
+    signals = [*(f"observation.{name}" for name in names), "action.0"]
+    episodes = [f"episode {index}" for index in (0, 3, 6, 9)]
+    assert list(panels) == ["steps of 10 episodes", *signals, *episodes]
+    assert sum(bar.get_height() for bar in panels["steps of 10 episodes"].patches) == 10
+    assert sum(bar.get_height() for bar in panels["observation.heading"].patches) == sum(range(2, 12))
+    assert [label.get_text() for label in panels["observation.room"].get_yticklabels()] == ["attic", "$hall$"]
+    assert [bar.get_width() for bar in panels["observation.room"].patches] == [1, 0]
+    assert len(draw_overview(kept, most_signals=1).axes) == 2 + 4

@@ -1,4 +1,7 @@
+from dataclasses import replace
+
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,7 +9,8 @@ from hypothesis import strategies as st
 from data_strategies import assert_same, demonstrations, quick
 from tvae.data.arrays import from_arrays
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.segments import segment
+from tvae.data.segments import segment, segment_at_event, segment_by_column
+from tvae.data.sources import load_demonstrations
 from tvae.data.tabular import read_table, write_parquet
 from tvae.data.trajectory import DataError
 
@@ -87,3 +91,61 @@ def test_what_cannot_be_cut() -> None:
     for wrong in ({"length": 0}, {"length": 3, "stride": 0}, {"length": 3, "minimum": 4}):
         with pytest.raises(ValueError, match="length and stride need to be at least 1"):
             segment(recordings(4), **wrong)
+
+
+def levels() -> Demonstrations:
+    table = pa.table(
+        {
+            "episode": ["a"] * 5 + ["b"] * 3,
+            "step": [0, 1, 2, 3, 4, 0, 1, 2],
+            "observation.x": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
+            "action.go": [True, False, False, True, None, True, True, False],
+            "level": ["one", "two", "two", "one", None, "one", "one", "one"],
+            "goal": [0, 0, 1, 0, 0, 0, 1, 0],
+        }
+    )
+    return load_demonstrations(table)
+
+
+def test_cut_where_a_column_changes() -> None:
+    parts = segment_by_column(levels(), "level")
+    assert parts.lengths.tolist() == [1, 2, 1, 3]
+    assert parts.final_observed.tolist() == [True, True, True, False]
+    assert parts.attributes["recording"].tolist() == ["a", "a", "a", "b"]
+    assert parts.attributes["segment"].tolist() == [0, 1, 2, 0]
+    assert parts[1].observations[:, 0].tolist() == [1, 2, 3]
+    assert parts[2].observations[:, 0].tolist() == [3, 4]
+    assert segment_by_column(levels(), "observation.x").lengths.tolist() == [1] * 7
+    assert segment_by_column(levels(), "episode").lengths.tolist() == [4, 3]
+
+
+def test_cut_behind_an_event() -> None:
+    parts = segment_at_event(levels(), "goal")
+    assert parts.lengths.tolist() == [3, 1, 2, 1]
+    assert parts[0].observations[:, 0].tolist() == [0, 1, 2, 3]
+    assert segment_at_event(levels(), "action.go").lengths.tolist() == [1, 3, 1, 1, 1]
+
+
+@quick
+@given(demonstrations(), st.integers(0, 99))
+def test_segments_by_a_column_joined_are_the_recordings(kept: Demonstrations, seed: int) -> None:
+    chance = np.random.default_rng(seed).random(kept.num_steps) < 0.5
+    marked = replace(kept, steps={**kept.steps, "mark": chance})
+    for parts in (segment_by_column(marked, "mark"), segment_at_event(marked, "mark")):
+        assert np.array_equal(np.concatenate([part.actions for part in parts]), kept.actions)
+        assert set(parts.attributes["recording"].tolist()) == set(kept.attributes["episode"].tolist())
+    for part in segment_by_column(marked, "mark"):
+        assert len(set(part.steps["mark"].tolist())) == 1
+    for part in segment_at_event(marked, "mark"):
+        assert not part.steps["mark"][:-1].any()
+
+
+def test_columns_that_cut_nothing() -> None:
+    with pytest.raises(DataError, match=r"no column 'x' to cut by; there are: observation\.x, action\.go, level, goal"):
+        segment_by_column(levels(), "x")
+    with pytest.raises(DataError, match="column level: an event needs to be true or false, got 'one'"):
+        segment_at_event(levels(), "level")
+    with pytest.raises(DataError, match=r"column observation\.x: an event needs to be true or false, got 2\.0"):
+        segment_at_event(levels(), "observation.x")
+    with pytest.raises(DataError, match="attribute 'recording' already: they are segments"):
+        segment_at_event(segment_by_column(levels(), "level"), "goal")

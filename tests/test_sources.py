@@ -112,7 +112,7 @@ def test_spaces_that_are_expected(target: str) -> None:
             "no Minari data set of this id under .*root; `minari download D4RL/door/human-v2`",
         ),
         ("minari:nothing", "no Minari data set there"),
-        ("empty", r"a directory without demonstrations\.json .* without metadata\.json"),
+        ("empty", r"a directory without demonstrations\.json .* without metadata\.json .* Parquet and CSV files"),
         ("notes.txt", r"needs to end with one of \.parquet, \.pq, \.csv, \.csv\.gz"),
         ("wrong.csv", "the name says text, but the contents are Parquet"),
     ],

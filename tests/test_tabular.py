@@ -490,7 +490,7 @@ def test_a_category_that_the_schema_does_not_know(tmp_path: Path) -> None:
         ("a.csv", gzip.compress(SESSIONS.encode()), "the contents are gzip-compressed data"),
         ("a.csv.gz", SESSIONS.encode(), "the name says gzip-compressed data, but the contents are text"),
         ("a.csv.gz", gzip.compress(SESSIONS.encode())[:-20], "no whole CSV file"),
-        ("a.csv", SESSIONS.encode()[:-8], "no whole CSV file"),
+        ("a.csv", SESSIONS.encode()[:-8], "line 5 of a.csv has 8 values, but the first line has 9"),
         (
             "a.txt",
             SESSIONS.encode(),

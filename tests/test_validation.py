@@ -55,6 +55,37 @@ def test_columns_that_are_missing(tmp_path: Path) -> None:
     ]
 
 
+def test_text_among_numbers(tmp_path: Path) -> None:
+    rows = [f"1,{i},{i / 8},{i / 8}" for i in range(40)]
+    rows[7] = "1,7,ten,10,5"
+    rows[9] = "1,9,ten,0.5"
+    rows[30] = "1,30,-,0.5"
+    (tmp_path / "bad.csv").write_text("\n".join(["episode,step,observation.x,action.a", *rows]))
+    stray = "is no number, got 'ten', but most values are: correct it, or say that the column is categorical"
+    uneven = Issue("line 9 of bad.csv has 5 values, but the first line has 4")
+    assert validate(tmp_path / "bad.csv") == [
+        uneven,
+        Issue("leaves a gap: it follows step 6", "step", 1, 8),
+        Issue(stray, "observation.x", 1, 9, 2),
+    ]
+    assert validate(tmp_path / "bad.csv", categorical=["observation.x"])[2:] == []
+
+
+def test_columns_are_checked_where_rows_belong_to_no_episode(tmp_path: Path) -> None:
+    rows = [f"7,{i},{i / 8 if i != 4 else 'x'},{i},0.5" for i in range(40)]
+    rows[3] = "7,,0.5,3,0.5"
+    (tmp_path / "bad.csv").write_text("\n".join(["episode,step,observation.x,observation.n,action.a", *rows]))
+    stray = "is no number, got 'x', but most values are: correct it, or say that the column is categorical"
+    assert validate(tmp_path / "bad.csv") == [
+        Issue("is missing, first in row 4 of the data", "step"),
+        Issue(f"{stray}, first in row 5 of the data", "observation.x"),
+        Issue(
+            "holds 40 different integers, more than 20: say whether it is continuous, angular or categorical",
+            "observation.n",
+        ),
+    ]
+
+
 @quick
 @given(demonstrations())
 def test_what_is_sound_has_no_issues(tmp_path_factory: pytest.TempPathFactory, kept: Demonstrations) -> None:

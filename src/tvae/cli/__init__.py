@@ -94,8 +94,13 @@ _VERBS = (
         "tvae benchmark --out runs/benchmark --seeds 5 --tasks zombie",
     ),
     (app, "report", "Write the page of a run anew.", "tvae report runs/sessions"),
-    (data, "info", "Show what is in a data set.", "tvae data info sessions.parquet"),
-    (data, "validate", "List everything that is wrong with a table.", "tvae data validate sessions.csv"),
+    (data, "info", "Show what is in a data set.", "tvae data info sessions.parquet --out pictures"),
+    (
+        data,
+        "validate",
+        "List everything that is wrong with a table.",
+        "tvae data validate 'days/*.csv' --player player --time seconds",
+    ),
     (
         data,
         "convert",

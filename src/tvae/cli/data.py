@@ -12,19 +12,25 @@ from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import summarise
 from tvae.data.validation import validate as find_issues
+from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
 from tvae.experiments.tasks import TASKS
+from tvae.figures.canvas import save
+from tvae.figures.overview import draw_overview
 
 
-def info(data: str, *, columns: Columns = COLUMNS) -> None:
+def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> None:
     """Show what is in a data set: episodes, lengths, what each column was taken for.
 
     Parameters
     ----------
     data
-        A Parquet or CSV table, a directory, or a Minari id.
+        A table (Parquet, CSV, HDF5), a pattern of files, a directory, or a Minari id.
+    out
+        Directory for overview.png and overview.svg: lengths, the distribution of every signal, a few episodes.
     """
-    summary = summarise(columns.of(data).load())
+    demonstrations = Source(data, columns).load()
+    summary = summarise(demonstrations)
     shortest, _, median, _, longest = summary.length_quantiles
     CONSOLE.print(
         f"{summary.num_episodes} episodes, {summary.num_steps} steps; "
@@ -37,6 +43,9 @@ def info(data: str, *, columns: Columns = COLUMNS) -> None:
         CONSOLE.print(f"{attribute.name}: {attribute.num_values} values: {values}", highlight=False, markup=False)
     if summary.steps:
         CONSOLE.print(f"further columns: {', '.join(summary.steps)}", highlight=False, markup=False)
+    if out is not None:
+        save(draw_overview(demonstrations), out / "overview")
+        CONSOLE.print(f"pictures: {out / 'overview.png'}", highlight=False, markup=False)
 
 
 def validate(data: str, *, columns: Columns = COLUMNS) -> None:
@@ -45,10 +54,14 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     Parameters
     ----------
     data
-        A Parquet or CSV table, a directory, or a Minari id.
+        A table (Parquet, CSV, HDF5), a pattern of files, a directory, or a Minari id.
     """
     issues = find_issues(
-        data, angular=columns.angular, continuous=columns.continuous, categorical=columns.categorical
+        data,
+        angular=columns.angular,
+        continuous=columns.continuous,
+        categorical=columns.categorical,
+        preparation=columns.preparation,
     )
     for issue in issues:
         CONSOLE.print(f"- {escape(str(issue))}", highlight=False)
@@ -63,11 +76,11 @@ def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = F
     Parameters
     ----------
     data
-        A Parquet or CSV table, a directory, or a Minari id.
+        A table (Parquet, CSV, HDF5), a pattern of files, a directory, or a Minari id.
     out
         NAME.parquet, NAME.csv, NAME.csv.gz, NAME.tvae (memory-mapped directory), or minari:ID.
     """
-    demonstrations = columns.of(data).load()
+    demonstrations = Source(data, columns).load()
     save_demonstrations(demonstrations, out, overwrite=force)
     CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {out}", markup=False)
 

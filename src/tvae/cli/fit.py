@@ -10,6 +10,7 @@ from tvae.config import ModelConfig, RunConfig, TrainingConfig
 from tvae.errors import TvaeError
 from tvae.experiments.arenas import Arena
 from tvae.experiments.run import complete, new_run, resumed_run
+from tvae.experiments.source import Source
 
 
 def fit(
@@ -33,7 +34,7 @@ def fit(
     Parameters
     ----------
     data
-        A Parquet or CSV table, a directory, or a Minari id; not needed with --resume.
+        A table, a pattern of files, a directory, or a Minari id; not needed with --resume.
     env
         Gymnasium id of an environment in which the bot of each style is tried.
     episodes
@@ -52,6 +53,6 @@ def fit(
         config = RunConfig(model=model, training=training, seed=seed, group=group)
         arena = None if env is None else Arena(env, episodes=episodes)
         begun = new_run(
-            out, columns.of(data), config, arena, command=sys.argv, device=device, force=force
+            out, Source(data, columns), config, arena, command=sys.argv, device=device, force=force
         )
     complete(begun, device=device, console=CONSOLE, trackers=trackers)

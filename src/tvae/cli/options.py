@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from tvae.config import ModelConfig, TrainingConfig
-from tvae.experiments.source import Source
+from tvae.experiments.source import Reading
 from tvae.model.decoding import Choice, sampled
 from tvae.model.decoding import most_likely as _most_likely
 
@@ -19,26 +18,8 @@ MODEL = ModelConfig()
 TRAINING = TrainingConfig()
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
-class Columns:
-    """How a table is read."""
-
-    angular: Annotated[tuple[str, ...], Parameter(negative="")] = ()
-    """Column that is an angle in radians, such as observation.heading; may be repeated."""
-    continuous: Annotated[tuple[str, ...], Parameter(negative="")] = ()
-    """Column that is a number; may be repeated."""
-    categorical: Annotated[tuple[str, ...], Parameter(negative="")] = ()
-    """Column that is a category; may be repeated."""
-    segment: int | None = None
-    """Cut recordings into segments of at most so many steps."""
-
-    def of(self, path: str) -> Source:
-        """The source that is read this way."""
-        return Source(path, self.angular, self.continuous, self.categorical, self.segment)
-
-
-COLUMNS = Columns()
+Columns: TypeAlias = Annotated[Reading, Parameter(name="*", negative="")]
+COLUMNS = Reading()
 
 Out = Annotated[Path, Parameter(help="The run directory to make.")]
 Run = Annotated[Path, Parameter(help="A run directory, as `tvae fit` made it.")]

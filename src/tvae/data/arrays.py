@@ -8,7 +8,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pyarrow as pa
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from tvae.data.columns import KindError, encode, signal_of
 from tvae.data.demonstrations import Demonstrations
@@ -18,8 +20,8 @@ from tvae.spaces import FloatArray, Space
 
 
 def from_arrays(
-    observations: Sequence[Any],
-    actions: Sequence[Any],
+    observations: Sequence[Any] | NDArray[Any] | Tensor,
+    actions: Sequence[Any] | NDArray[Any] | Tensor,
     *,
     observation_space: Space | gymnasium.Space[Any] | None = None,
     action_space: Space | gymnasium.Space[Any] | None = None,
@@ -27,6 +29,8 @@ def from_arrays(
     groups: Sequence[Attribute] | None = None,
 ) -> Demonstrations:
     """Demonstrations from one array an episode: observations (T, O) or (T + 1, O), actions (T, A).
+
+    Arrays are NumPy's, PyTorch's or nested lists; episodes of one length may stand in a single array (E, T, O).
 
     With a `Space`, arrays hold raw values, one column per signal. With a Gymnasium space they hold its values
     with the time as first axis (a dict of such arrays for a Dict). Without any, the kind of a column follows
@@ -66,7 +70,7 @@ def from_arrays(
 
 
 def _rows(
-    what: str, values: Sequence[Any], space: Space | gymnasium.Space[Any] | None
+    what: str, values: Sequence[Any] | NDArray[Any] | Tensor, space: Space | gymnasium.Space[Any] | None
 ) -> tuple[Space, list[FloatArray]]:
     """The space and, for each episode, raw values (steps, signals)."""
     if isinstance(space, gymnasium.Space):
@@ -74,12 +78,20 @@ def _rows(
             return space_from_gymnasium(space), [flatten(space, value) for value in values]
         except (ValueError, KeyError, TypeError) as error:
             raise DataError(f"{what}s do not fit {space}: {error}") from error
-    arrays = [_two_axes(what, index, np.asarray(value)) for index, value in enumerate(values)]
+    arrays = [_two_axes(what, index, _array(value)) for index, value in enumerate(values)]
     if space is None:
         return _inferred(what, arrays)
     if any(array.dtype.kind == "U" for array in arrays):
         raise DataError(f"{what}s need raw numbers where a space is given, got text")
     return space, [array.astype(np.float64) for array in arrays]
+
+
+def _array(value: Any) -> NDArray[Any]:
+    """A NumPy array; of a tensor its values, wherever it is."""
+    if isinstance(value, Tensor):
+        value = value.detach().cpu()
+        value = (value.float() if value.dtype == torch.bfloat16 else value).numpy()
+    return np.asarray(value)
 
 
 def _two_axes(what: str, episode: int, array: NDArray[Any]) -> NDArray[Any]:

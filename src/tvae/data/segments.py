@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
+from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.trajectory import DataError
+from tvae.spaces import IntArray
 
 
 def segment(
@@ -37,9 +41,7 @@ def segment(
             "length and stride need to be at least 1, and minimum from 1 to length, "
             f"got length {length}, stride {stride}, minimum {minimum}"
         )
-    for name in ("recording", "segment"):
-        if name in demonstrations.attributes:
-            raise DataError(f"episodes have an attribute {name!r} already: they are segments")
+    _check_whole(demonstrations)
     # The last segment is the first that reaches the end, or the last that begins before it.
     whole = demonstrations.lengths
     counts = 1 + np.minimum(-(-np.maximum(whole - length, 0) // stride), (whole - 1) // stride)
@@ -50,7 +52,104 @@ def segment(
     kept = lengths >= minimum
     if not kept.any():
         raise DataError(f"no segment has {minimum} steps or more; the longest episode has {whole.max()}")
-    source, number, first, lengths = source[kept], number[kept], first[kept], lengths[kept]
+    return _segments(demonstrations, source[kept], number[kept], first[kept], lengths[kept])
+
+
+def segment_by_column(demonstrations: Demonstrations, column: str) -> Demonstrations:
+    """Cut episodes wherever the value of a column changes, such as a level or a round; no step is copied.
+
+    The column is a step column, or a signal such as `observation.room`. Segments have all that those of `segment` have.
+
+    Raises `DataError` for a column that is not there and for episodes that are segments already.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> rooms = np.array(["hall", "hall", "attic", "hall"])
+    >>> parts = segment_by_column(from_arrays([rooms], [np.ones(4)]), "observation.0")
+    >>> parts.lengths.tolist()
+    [2, 1, 1]
+    """
+    values = _of_steps(demonstrations, column)
+    changed = np.ones(len(values), dtype=np.bool_)
+    changed[1:] = values[1:] != values[:-1]
+    return _cut_before(demonstrations, changed)
+
+
+def segment_at_event(demonstrations: Demonstrations, column: str) -> Demonstrations:
+    """Cut episodes behind every step at which a column is true, such as a goal; no step is copied.
+
+    The column is a step column, or a signal such as `action.attack`, of 0 and 1. Segments have all that those of
+    `segment` have.
+
+    Raises `DataError` for a column that is not there or holds anything else, and for episodes that are segments
+    already.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> goals = np.array([False, True, False, False])
+    >>> parts = segment_at_event(from_arrays([np.zeros(4)], [goals]), "action.0")
+    >>> parts.lengths.tolist()
+    [2, 2]
+    """
+    values = _of_steps(demonstrations, column)
+    if values.dtype.kind not in "biuf" or not np.isin(values, (0, 1)).all():
+        other = values[~np.isin(values, (0, 1))][0] if values.dtype.kind in "biuf" else values[0]
+        raise DataError(f"column {column}: an event needs to be true or false, got {other.item()!r}")
+    behind = np.zeros(len(values), dtype=np.bool_)
+    behind[1:] = values[:-1] == 1
+    return _cut_before(demonstrations, behind)
+
+
+def _check_whole(demonstrations: Demonstrations) -> None:
+    for name in ("recording", "segment"):
+        if name in demonstrations.attributes:
+            raise DataError(f"episodes have an attribute {name!r} already: they are segments")
+
+
+def _of_steps(demonstrations: Demonstrations, column: str) -> NDArray[Any]:
+    """(sum of lengths,) the values of a column at all actions, episode after episode."""
+    _check_whole(demonstrations)
+    lengths = demonstrations.lengths
+    acting = ranges(demonstrations.action_starts, lengths)
+    if column in demonstrations.steps:
+        return np.asarray(demonstrations.steps[column][acting])
+    if column in demonstrations.attributes:
+        return np.repeat(demonstrations.attributes[column], lengths)
+    for prefix, space, flat, rows in (
+        (
+            OBSERVATION,
+            demonstrations.observation_space,
+            demonstrations.observations,
+            ranges(demonstrations.observation_starts, lengths),
+        ),
+        (ACTION, demonstrations.action_space, demonstrations.actions, acting),
+    ):
+        name = column.removeprefix(prefix)
+        if column.startswith(prefix) and name in space.names:
+            return np.asarray(flat[rows, space.names.index(name)])
+    there = [
+        *(OBSERVATION + name for name in demonstrations.observation_space.names),
+        *(ACTION + name for name in demonstrations.action_space.names),
+        *demonstrations.steps,
+    ]
+    raise DataError(f"there is no column {column!r} to cut by; there are: {', '.join(there)}")
+
+
+def _cut_before(demonstrations: Demonstrations, cut: NDArray[np.bool_]) -> Demonstrations:
+    """Segments that begin at these steps (sum of lengths,) and at the beginning of every episode."""
+    begins = np.cumsum(demonstrations.lengths) - demonstrations.lengths
+    cut = cut.copy()
+    cut[begins] = True
+    at = np.flatnonzero(cut)
+    source = np.searchsorted(begins, at, side="right") - 1
+    counts = np.bincount(source, minlength=len(begins))
+    number = ranges(np.zeros_like(counts), counts)
+    return _segments(demonstrations, source, number, at - begins[source], np.diff(at, append=len(cut)))
+
+
+def _segments(
+    demonstrations: Demonstrations, source: IntArray, number: IntArray, first: IntArray, lengths: IntArray
+) -> Demonstrations:
+    """Parts of episodes: which one, the how manieth of it, from which step, how long."""
+    whole = demonstrations.lengths
     recordings = demonstrations.attributes.get("episode", np.arange(len(whole)))
     return replace(
         demonstrations,

@@ -7,11 +7,15 @@ from pathlib import Path
 
 from tvae.data.columns import kinds_by_column
 from tvae.data.demonstrations import HEADER_NAME, Demonstrations
+from tvae.data.lerobot_source import INFO_PATH
 from tvae.data.minari_source import find_minari, is_minari_id, minari_root, read_minari
 from tvae.data.minari_target import write_minari
+from tvae.data.preparation import AS_RECORDED, Preparation
+from tvae.data.raw_table import RawTable
 from tvae.data.reinterpretation import with_kinds
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name
-from tvae.data.tabular import read_table, write_csv, write_parquet
+from tvae.data.tables import DataSource, open_directory, open_table, title
+from tvae.data.tabular import demonstrations_of, write_csv, write_parquet
 from tvae.data.trajectory import DataError
 from tvae.spaces import Space
 
@@ -20,57 +24,80 @@ DIRECTORY_SUFFIX = ".tvae"
 
 
 def load_demonstrations(
-    source: str | Path,
+    source: DataSource,
     *,
     angular: Sequence[str] = (),
     continuous: Sequence[str] = (),
     categorical: Sequence[str] = (),
+    preparation: Preparation = AS_RECORDED,
     observation_space: Space | None = None,
     action_space: Space | None = None,
 ) -> Demonstrations:
-    """Demonstrations from a file, a directory or a Minari id.
+    """Demonstrations from a file, many files, a directory, a table in memory or a Minari id.
 
     | source                                         | read by                              |
     |------------------------------------------------|--------------------------------------|
     | file `.parquet`, `.csv`, `.csv.gz`             | `read_table`                         |
+    | pattern such as `day-*/*.csv`, list of files   | `read_table_files`                   |
+    | directory with such files in it or below it    | `read_table_files`                   |
+    | table of pandas, polars, Arrow and others      | `read_table`, by Arrow's C stream    |
+    | file `.hdf5`, `.h5` in robomimic's layout      | `read_robomimic`                     |
+    | directory of a LeRobot data set, version 3     | `read_lerobot`                       |
     | directory that `Demonstrations.write` made     | `Demonstrations.open`, memory-mapped |
     | directory of a Minari data set                 | `read_minari`                        |
     | `namespace/name-v0`, `minari:` and one of both | `read_minari`                        |
 
+    NumPy and PyTorch arrays: `tvae.data.arrays.from_arrays`.
+
     `angular`, `continuous` and `categorical` name columns, such as `observation.heading`, that are of another
-    kind than the source suggests. Given spaces, such as a model's, must fit; a table is read by their names
+    kind than the source suggests. `preparation` says which columns of a table are read and what becomes of missing
+    values, uneven steps and several players. Given spaces, such as a model's, must fit; a table is read by their names
     and categories.
 
     Raises `DataError`, which says what was tried, where and what is wrong.
 
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "walks.csv"
-    >>> _ = path.write_text("episode,step,observation.x,action.heading\\n0,0,0.5,3.1\\n0,1,1.5,-3.1\\n")
-    >>> load_demonstrations(path, angular=["action.heading"]).action_space.signals
+    >>> import pyarrow as pa
+    >>> rows = {"episode": [0, 0], "step": [0, 1], "observation.x": [0.5, 1.5], "action.heading": [3.1, -3.1]}
+    >>> load_demonstrations(pa.table(rows), angular=["action.heading"]).action_space.signals
     (Angular(name='heading'),)
     """
-    if is_table(source):
-        return read_table(
-            source,
-            angular=angular,
-            continuous=continuous,
-            categorical=categorical,
+    kinds = kinds_by_column(angular, continuous, categorical)
+    raw = open_any_table(source, preparation)
+    if raw is not None:
+        return demonstrations_of(
+            raw,
+            title(source),
+            kinds=kinds,
+            preparation=preparation,
             observation_space=observation_space,
             action_space=action_space,
         )
+    assert isinstance(source, str | Path)
+    if preparation != AS_RECORDED:
+        raise DataError(f"{source}: only a table can be prepared, by its columns, players, times or missing values")
     demonstrations = _read(source)
     try:
-        demonstrations = with_kinds(demonstrations, kinds_by_column(angular, continuous, categorical))
+        demonstrations = with_kinds(demonstrations, kinds)
         check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:
         raise DataError(f"{source}: {error}") from None
     return demonstrations
 
 
-def is_table(source: str | Path) -> bool:
-    """Whether it is a file or named like one."""
-    path = Path(source)
-    return path.is_file() or (not path.is_dir() and (is_parquet_name(path) or is_csv_name(path)))
+def open_any_table(source: DataSource, preparation: Preparation) -> RawTable | None:
+    """The rows of a source; None where it is demonstrations that need no table, or nothing at all.
+
+    Raises `DataError` if it should be a table and cannot be read.
+    """
+    columns, needed = preparation.columns, preparation.needed
+    raw = open_table(source, columns=columns, needed=needed)
+    if raw is not None or not isinstance(source, str | Path) or not Path(source).is_dir() or _is_episodes(source):
+        return raw
+    return open_directory(source, columns=columns, needed=needed)
+
+
+def _is_episodes(directory: str | Path) -> bool:
+    return (Path(directory) / HEADER_NAME).is_file() or find_minari(str(directory)) is not None
 
 
 def _read(source: str | Path) -> Demonstrations:
@@ -83,8 +110,9 @@ def _read(source: str | Path) -> Demonstrations:
         return read_minari(text)
     if path.is_dir():
         raise DataError(
-            f"{source}: a directory without {HEADER_NAME} (of demonstrations) and without metadata.json or "
-            "data/metadata.json (of a Minari data set)"
+            f"{source}: a directory without {HEADER_NAME} (of demonstrations), without metadata.json or "
+            f"data/metadata.json (of a Minari data set), without {INFO_PATH} (of a LeRobot data set) and without "
+            "Parquet and CSV files"
         )
     where = f"no Minari data set of this id under {minari_root()}; `minari download {text}` fetches one"
     tried = where if is_minari_id(text) else "no Minari id either, which looks like namespace/name-v0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 
 from tvae.data.columns import facts, plain
 from tvae.data.issues import Issue
-from tvae.spaces import IntArray
+from tvae.data.preparation import Clock
+from tvae.data.table_times import missing_issue, times_of, uneven
+from tvae.spaces import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,25 @@ class TableIndex:
     """(E,) first row of each episode."""
     counts: IntArray
     """(E,) number of rows of each episode."""
+    times: FloatArray
+    """(N,) when each row was recorded; its step where nothing else is known."""
+
+    def slices(self) -> Iterator[slice]:
+        """The rows of each episode."""
+        return (slice(first, first + count) for first, count in zip(self.starts, self.counts, strict=True))
+
+    def of_episodes(self, kept: NDArray[np.bool_]) -> TableIndex:
+        """The index of the rows of these episodes (E,) alone."""
+        rows = kept[self.member]
+        counts = self.counts[kept]
+        return TableIndex(
+            episodes=self.episodes[kept],
+            member=np.repeat(np.arange(len(counts)), counts),
+            steps=self.steps[rows],
+            starts=np.cumsum(counts) - counts,
+            counts=counts,
+            times=self.times[rows],
+        )
 
     def is_last(self) -> NDArray[np.bool_]:
         """(N,) whether a row is the last of its episode."""
@@ -52,51 +74,77 @@ class TableIndex:
         ]
 
 
-def index_table(table: pa.Table) -> tuple[pa.Table, TableIndex | None, list[Issue]]:
-    """The table in order, its index, and what is wrong with the columns `episode` and `step`.
+def index_table(
+    table: pa.Table, player: str | None = None, clock: Clock | None = None
+) -> tuple[pa.Table, TableIndex | None, list[Issue]]:
+    """The table in order, its index, and what is wrong with the columns that say which row is which step.
 
     Without an index (None) the issues say why there is none.
     """
-    identities, steps, issues = _identities(table), _steps(table), []
-    issues += [found for found in (identities, steps) if isinstance(found, Issue)]
-    if isinstance(identities, Issue) or isinstance(steps, Issue):
-        return table, None, issues
+    issues: list[Issue] = []
+    if player is not None:
+        table, issues = _by_player(table, player)
+        if issues:
+            return table, None, issues
+    identities = _identities(table, "episode")
+    order = _steps(table) if clock is None else times_of(table[clock.column], clock.column)
+    if isinstance(identities, Issue) or isinstance(order, Issue):
+        return table, None, [found for found in (identities, order) if isinstance(found, Issue)]
     coded = identities.dictionary_encode().combine_chunks()
     member = coded.indices.to_numpy().astype(np.int64)
     new, later = np.diff(member) > 0, np.diff(member) == 0
-    if not (new | (later & (np.diff(steps) >= 0))).all():
-        order = np.lexsort((steps, member))
-        table, member, steps = table.take(pa.array(order)), member[order], steps[order]
+    if not (new | (later & (np.diff(order) >= 0))).all():
+        by_time = np.lexsort((order, member))
+        table, member, order = table.take(pa.array(by_time)), member[by_time], order[by_time]
     starts = np.flatnonzero(np.diff(member, prepend=-1))
+    counts = np.diff(starts, append=len(member))
     index = TableIndex(
         episodes=facts(pa.chunked_array([coded.dictionary])),
         member=member,
-        steps=steps,
+        steps=order.astype(np.int64) if clock is None else np.arange(len(member)) - np.repeat(starts, counts),
         starts=starts,
-        counts=np.diff(starts, append=len(member)),
+        counts=counts,
+        times=order.astype(np.float64),
     )
-    return table, index, _step_issues(index)
+    return table, index, _step_issues(index) if clock is None else _time_issues(index, clock)
 
 
-def _identities(table: pa.Table) -> pa.ChunkedArray | Issue:
+def _by_player(table: pa.Table, player: str) -> tuple[pa.Table, list[Issue]]:
+    """The same rows with an identity for each player of an episode, and the fact `session` besides."""
+    sessions, players = _identities(table, "episode"), _identities(table, player)
+    issues = []
+    if "session" in table.column_names:
+        issues.append(Issue("is there already, but names the episode that players share", column="session"))
+    if issues or isinstance(sessions, Issue) or isinstance(players, Issue):
+        return table, [*issues, *(found for found in (sessions, players) if isinstance(found, Issue))]
+    pair = [column.cast(pa.string()) for column in (sessions, players)]
+    names = pc.binary_join_element_wise(*pair, "/")
+    different = pa.table({"session": pair[0], "player": pair[1]}).group_by(["session", "player"]).aggregate([])
+    if pc.count_distinct(names).as_py() < len(different):
+        return table, [Issue("and the episode look alike when joined by /", column=player)]
+    at = table.column_names.index("episode")
+    return table.set_column(at, "episode", names).append_column("session", sessions), []
+
+
+def _identities(table: pa.Table, column: str) -> pa.ChunkedArray | Issue:
     """Integers or text, none missing."""
-    values = plain(table["episode"])
+    values = plain(table[column])
     if pa.types.is_temporal(values.type):
         values = values.cast(pa.string())
-    missing = _missing(values, "episode")
+    missing = missing_issue(values, column)
     if missing is not None:
         return missing
     if pa.types.is_floating(values.type):
-        return _as_integers(values, "episode")
+        return _as_integers(values, column)
     if pa.types.is_integer(values.type) or pa.types.is_string(values.type):
         return values
-    return Issue(f"needs integers or text, got {values.type}", column="episode")
+    return Issue(f"needs integers or text, got {values.type}", column=column)
 
 
 def _steps(table: pa.Table) -> IntArray | Issue:
     """(N,) integers, none missing."""
     values = plain(table["step"])
-    missing = _missing(values, "step")
+    missing = missing_issue(values, "step")
     if missing is not None:
         return missing
     if not (pa.types.is_integer(values.type) or pa.types.is_floating(values.type)):
@@ -106,15 +154,6 @@ def _steps(table: pa.Table) -> IntArray | Issue:
         return integers
     steps: IntArray = integers.to_numpy()
     return steps
-
-
-def _missing(values: pa.ChunkedArray, column: str) -> Issue | None:
-    null = pc.is_null(values, nan_is_null=True).to_numpy()
-    if not null.any():
-        return None
-    return Issue(
-        f"is missing, first in row {int(null.argmax()) + 1} of the data", column=column, count=int(null.sum())
-    )
 
 
 def _as_integers(values: pa.ChunkedArray, column: str) -> pa.ChunkedArray | Issue:
@@ -138,3 +177,22 @@ def _step_issues(index: TableIndex) -> list[Issue]:
         before = int(index.steps[gap.argmax() - 1])
         issues += index.issue(gap, "step", f"leaves a gap: it follows step {before}")
     return issues
+
+
+def _time_issues(index: TableIndex, clock: Clock) -> list[Issue]:
+    """Rows of an episode must differ in time and, unless they are resampled, be equally far apart."""
+    first = np.zeros(len(index.steps), dtype=np.bool_)
+    first[index.starts] = True
+    issues = index.issue(
+        ~first & (np.diff(index.times, prepend=0) == 0), clock.column, "stands there more than once in the episode"
+    )
+    if issues or clock.resample is not None:
+        return issues
+    every, wrong = uneven(index.times, first, clock)
+    if not wrong.any():
+        return []
+    at = int(wrong.argmax())
+    gap = index.times[at] - index.times[at - 1]
+    return index.issue(
+        wrong, clock.column, f"is {gap:.4g} after the row before, but steps are {every:.4g} apart: resample by a rule"
+    )

@@ -6,8 +6,8 @@ It goes into the metadata of a Parquet file and stands beside a CSV file as `NAM
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pyarrow as pa
@@ -34,6 +34,25 @@ class TableSchema:
     types: Mapping[str, str]
     """Name of the Arrow type of every column, in their order."""
     num_rows: int
+
+    def only(self, columns: Collection[str]) -> TableSchema:
+        """What it says about these columns."""
+
+        def narrow(prefix: str, space: Space) -> Space:
+            return Space(tuple(signal for signal in space.signals if prefix + signal.name in columns))
+
+        return replace(
+            self,
+            observation_space=narrow(OBSERVATION, self.observation_space),
+            action_space=narrow(ACTION, self.action_space),
+            steps=tuple(name for name in self.steps if name in columns),
+            attributes=tuple(name for name in self.attributes if name in columns),
+            types={name: kind for name, kind in self.types.items() if name in columns},
+        )
+
+    def over(self, num_rows: int) -> TableSchema:
+        """The same for another number of rows."""
+        return replace(self, num_rows=num_rows)
 
     def to_text(self) -> str:
         """As JSON."""

@@ -13,7 +13,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,32 +25,36 @@ from numpy.typing import NDArray
 
 from tvae.data.columns import KindError, decode, kinds_by_column
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
-from tvae.data.table_files import METADATA_KEY, is_csv_name, is_parquet_name, read_table_file, schema_path
+from tvae.data.raw_table import RawTable
+from tvae.data.table_files import METADATA_KEY, is_csv_name, is_parquet_name, schema_path
 from tvae.data.table_rows import examine
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
+from tvae.data.tables import DataSource, open_table, title
 from tvae.data.trajectory import DataError
 from tvae.files import appearing
-from tvae.spaces import FloatArray, IntArray, Space
+from tvae.spaces import FloatArray, IntArray, Signal, Space
 
 _BLOCK_STEPS = 1 << 20
 
 
 def read_table(
-    path: str | Path,
+    source: DataSource,
     *,
     angular: Sequence[str] = (),
     continuous: Sequence[str] = (),
     categorical: Sequence[str] = (),
+    preparation: Preparation = AS_RECORDED,
     observation_space: Space | None = None,
     action_space: Space | None = None,
 ) -> Demonstrations:
-    """Demonstrations from a `.parquet`, `.csv` or `.csv.gz` file.
+    """Demonstrations from whatever `open_table` reads, such as a `.parquet`, `.csv` or `.csv.gz` file.
 
     The kind of a column follows from the schema in a file that we wrote, else from its type. `angular`,
     `continuous` and `categorical` name columns, such as `observation.heading`, that are of another kind.
     A given space, such as a model's, says what all observations or actions are; other columns or categories
-    than its own are refused.
+    than its own are refused. `preparation` says what becomes of missing values, uneven steps and players.
 
     Raises `DataError` with file, episode, step and column for the first problem; `validate` finds all.
 
@@ -61,19 +65,36 @@ def read_table(
     >>> walks.action_space.signals, walks[0].has_final_observation
     ((Categorical(name='go', categories=('left',)),), True)
     """
-    path = Path(path)
-    table, schema = read_table_file(path)
-    examined = examine(
-        table,
+    raw = open_table(source, columns=preparation.columns, needed=preparation.needed)
+    if raw is None:
+        raise DataError(f"{title(source)}: no table, but a directory or an id")
+    return demonstrations_of(
+        raw,
+        title(source),
         kinds=kinds_by_column(angular, continuous, categorical),
-        schema=schema,
+        preparation=preparation,
         observation_space=observation_space,
         action_space=action_space,
+    )
+
+
+def demonstrations_of(
+    raw: RawTable,
+    where: str,
+    *,
+    kinds: Mapping[str, type[Signal]],
+    preparation: Preparation,
+    observation_space: Space | None,
+    action_space: Space | None,
+) -> Demonstrations:
+    """Demonstrations from rows. Raises `DataError` with `where` they are and the first problem."""
+    examined = examine(
+        raw, kinds=kinds, preparation=preparation, observation_space=observation_space, action_space=action_space
     )
     if examined.demonstrations is None:
         more = len(examined.issues) - 1
         others = f" (and {more} other kind{'s' if more > 1 else ''} of problem)" if more else ""
-        raise DataError(f"{path}: {examined.issues[0]}{others}")
+        raise DataError(f"{where}: {examined.issues[0]}{others}")
     return examined.demonstrations
 
 

@@ -6,18 +6,18 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from tvae.data.columns import kinds_by_column
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.issues import Issue
+from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
-from tvae.data.sources import is_table, load_demonstrations
-from tvae.data.table_files import read_table_file
+from tvae.data.sources import load_demonstrations, open_any_table
 from tvae.data.table_rows import examine
 from tvae.data.table_schema import ACTION, OBSERVATION
+from tvae.data.tables import DataSource
 from tvae.data.trajectory import Attribute, DataError
 from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe
 
@@ -26,11 +26,12 @@ _MOST_VALUES = 20
 
 
 def validate(
-    source: str | Path,
+    source: DataSource,
     *,
     angular: Sequence[str] = (),
     continuous: Sequence[str] = (),
     categorical: Sequence[str] = (),
+    preparation: Preparation = AS_RECORDED,
 ) -> list[Issue]:
     """Everything that keeps `load_demonstrations` from reading a source; nothing if it is sound.
 
@@ -38,6 +39,7 @@ def validate(
     is the first problem.
 
     >>> import tempfile
+    >>> from pathlib import Path
     >>> path = Path(tempfile.mkdtemp()) / "walks.csv"
     >>> _ = path.write_text("episode,step,observation.x,action.go\\n7,0,,left\\n7,2,0.5,left\\n")
     >>> for issue in validate(path):
@@ -46,14 +48,16 @@ def validate(
     episode 7, step 0, column observation.x: is missing or not a number
     """
     try:
-        if not is_table(source):
-            load_demonstrations(source, angular=angular, continuous=continuous, categorical=categorical)
+        raw = open_any_table(source, preparation)
+        if raw is None:
+            load_demonstrations(
+                source, angular=angular, continuous=continuous, categorical=categorical, preparation=preparation
+            )
             return []
-        table, schema = read_table_file(Path(source))
     except DataError as error:
         return [Issue(str(error))]
     kinds = kinds_by_column(angular, continuous, categorical)
-    return list(examine(table, kinds=kinds, schema=schema).issues)
+    return list(examine(raw, kinds=kinds, preparation=preparation).issues)
 
 
 @dataclass(frozen=True)

@@ -60,10 +60,9 @@ def about_run(run: RunDirectory) -> About:
         raise RunDirectoryError(f"{run.config} does not describe a run: a model was saved there, not fitted")
     try:
         source, arena = about["source"], about["arena"]
-        columns = {name: tuple(source[name]) for name in ("angular", "continuous", "categorical")}
         return About(
             config=RunConfig.from_json(about["config"]),
-            source=Source(source["path"], **columns, segment=source["segment"]),
+            source=Source.from_json(source),
             arena=None if arena is None else Arena(**arena),
             title=about["title"],
             command=tuple(about["command"]),

@@ -2,13 +2,82 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal, TypeAlias
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.segments import segment
+from tvae.data.estimates import Estimate, MissingRule, drop_episode, hold_last, interpolate
+from tvae.data.preparation import Clock, Preparation
+from tvae.data.segments import segment, segment_at_event, segment_by_column
 from tvae.data.sources import load_demonstrations
+from tvae.data.table_sets import is_pattern
+from tvae.data.trajectory import DataError
 from tvae.spaces import Space
+
+ResampleName: TypeAlias = Literal["hold", "linear"]
+MissingName: TypeAlias = Literal["hold", "linear", "drop"]
+_RESAMPLE: Mapping[str, Estimate] = {"hold": hold_last, "linear": interpolate}
+_MISSING: Mapping[str, MissingRule] = {**_RESAMPLE, "drop": drop_episode}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a data set is read, in words that a configuration file can hold."""
+
+    angular: tuple[str, ...] = ()
+    """Column that is an angle in radians, such as observation.heading; may be repeated."""
+    continuous: tuple[str, ...] = ()
+    """Column that is a number; may be repeated."""
+    categorical: tuple[str, ...] = ()
+    """Column that is a category; may be repeated."""
+    only: tuple[str, ...] = ()
+    """Column to read, with all below it, such as observation.state; by default all; may be repeated."""
+    player: str | None = None
+    """Column of the player whose row it is; the rows of each are an episode of their own."""
+    time: str | None = None
+    """Column that says when each row was recorded, instead of a column step."""
+    every: float | None = None
+    """Time from step to step, in units of --time, of dates in seconds; by default the median."""
+    resample: ResampleName | None = None
+    """Rule for steps that are not equally far apart: the last value holds, or a straight line; by default refused."""
+    missing: MissingName | None = None
+    """Rule for missing values: the last holds, a straight line, or drop the episode; by default refused."""
+    segment: int | None = None
+    """Cut recordings into segments of at most so many steps."""
+    segment_by: str | None = None
+    """Cut recordings where this column changes."""
+    segment_at: str | None = None
+    """Cut recordings behind each step at which this column is true."""
+
+    @property
+    def preparation(self) -> Preparation:
+        """What is done to rows before they are episodes. Raises `DataError` for options that lack another."""
+        if self.time is None and (self.every is not None or self.resample is not None):
+            raise DataError("steps are resampled by a column with the time: name it, too (--time)")
+        if self.every is not None and not self.every > 0:
+            raise DataError(f"the time from step to step needs to be above 0, got {self.every} (--every)")
+        rule = None if self.resample is None else _RESAMPLE[self.resample]
+        return Preparation(
+            columns=self.only,
+            player=self.player,
+            clock=None if self.time is None else Clock(self.time, self.every, rule),
+            missing=None if self.missing is None else _MISSING[self.missing],
+        )
+
+    def cut(self, demonstrations: Demonstrations) -> Demonstrations:
+        """The segments that are asked for. Raises `DataError` where there is more than one way to cut."""
+        if sum(way is not None for way in (self.segment, self.segment_by, self.segment_at)) > 1:
+            raise DataError("recordings are cut one way: --segment, --segment-by or --segment-at, not several")
+        if self.segment_by is not None:
+            return segment_by_column(demonstrations, self.segment_by)
+        if self.segment_at is not None:
+            return segment_at_event(demonstrations, self.segment_at)
+        return demonstrations if self.segment is None else segment(demonstrations, self.segment)
+
+
+AS_IT_IS = Reading()
 
 
 @dataclass(frozen=True)
@@ -16,15 +85,20 @@ class Source:
     """A data set and how it is read."""
 
     path: str
-    """File, directory or Minari id."""
-    angular: tuple[str, ...] = ()
-    """Columns that are angles."""
-    continuous: tuple[str, ...] = ()
-    """Columns that are numbers."""
-    categorical: tuple[str, ...] = ()
-    """Columns that are categories."""
-    segment: int | None = None
-    """Cut recordings into segments of at most so many steps."""
+    """File, pattern of files, directory or Minari id."""
+    reading: Reading = AS_IT_IS
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Source:
+        """The inverse of `dataclasses.asdict`, after JSON has made lists of tuples.
+
+        Runs of earlier versions have the fields of `reading` beside `path`.
+        """
+        written = data["reading"] if "reading" in data else {name: data[name] for name in data if name != "path"}
+        reading: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in written.items()
+        }
+        return cls(data["path"], Reading(**reading))
 
     def load(self, observation_space: Space | None = None, action_space: Space | None = None) -> Demonstrations:
         """Read the demonstrations; given spaces, such as a model's, must fit.
@@ -33,16 +107,17 @@ class Source:
         """
         demonstrations = load_demonstrations(
             self.path,
-            angular=self.angular,
-            continuous=self.continuous,
-            categorical=self.categorical,
+            angular=self.reading.angular,
+            continuous=self.reading.continuous,
+            categorical=self.reading.categorical,
+            preparation=self.reading.preparation,
             observation_space=observation_space,
             action_space=action_space,
         )
-        return demonstrations if self.segment is None else segment(demonstrations, self.segment)
+        return self.reading.cut(demonstrations)
 
     def absolute(self) -> Source:
         """The same, found from any working directory."""
         here = Path(self.path)
-        path = str(here.resolve()) if here.exists() else self.path
-        return Source(path, self.angular, self.continuous, self.categorical, self.segment)
+        found = here.exists() or is_pattern(self.path)
+        return replace(self, path=str(here.resolve() if here.exists() else here.absolute())) if found else self

@@ -1,0 +1,59 @@
+"""What is done to recordings before they are demonstrations, as the user says; by default nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tvae.data.estimates import Estimate, MissingRule
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A column that says when each row was recorded; the rows of an episode are its steps in the order of time.
+
+    A column `step` is then not read. Steps must be equally far apart, unless there is a rule to resample them.
+    """
+
+    column: str
+    """Numbers in any unit, or dates and times, which count in seconds."""
+    every: float | None = None
+    """Time from step to step, in the column's unit; by default the median of the recording."""
+    resample: Estimate | None = None
+    """The rule for observations and actions at the new steps; by default uneven steps are refused."""
+    tolerance: float = 0.01
+    """How far a step may be from where it should be, as a share of `every`."""
+
+    def __post_init__(self) -> None:
+        if self.every is not None and not self.every > 0:
+            raise ValueError(f"every needs to be above 0, got {self.every}")
+        if not 0 <= self.tolerance < 0.5:
+            raise ValueError(f"tolerance needs to be at least 0 and below 0.5, got {self.tolerance}")
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How rows become episodes.
+
+    >>> from tvae.data.estimates import hold_last
+    >>> Preparation(player="player", clock=Clock("seconds", every=0.1, resample=hold_last)).needed
+    ('episode', 'player', 'seconds')
+    """
+
+    columns: tuple[str, ...] = ()
+    """Read these columns and those below them, such as `observation.state` or `action`; by default all."""
+    player: str | None = None
+    """Column of the player whose row it is. Each player's rows are an episode, called EPISODE/PLAYER; the fact
+    `session` is what the column `episode` says."""
+    clock: Clock | None = None
+    """When each row was recorded."""
+    missing: MissingRule | None = None
+    """The rule for missing observations and actions; by default they are refused."""
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Columns that are read in any case."""
+        step = "step" if self.clock is None else self.clock.column
+        return ("episode", step) if self.player is None else ("episode", self.player, step)
+
+
+AS_RECORDED = Preparation()

@@ -1,0 +1,151 @@
+"""Many files of one table: what a glob, a list or a directory names."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from tvae.data.raw_table import RawTable
+from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name, read_table_file
+from tvae.data.table_schema import TableSchema
+from tvae.data.trajectory import DataError
+
+_SUFFIXES = ", ".join((*PARQUET_SUFFIXES, *CSV_SUFFIXES))
+
+
+def is_pattern(text: str) -> bool:
+    """Whether a text names files by a pattern, such as `sessions/*.parquet`.
+
+    >>> is_pattern("day-?/*.csv"), is_pattern("day-1/a.csv")
+    (True, False)
+    """
+    return glob.has_magic(text)
+
+
+def matching_files(pattern: str) -> list[Path]:
+    """The files that a pattern names, in the order of their names; `**` is any directory.
+
+    Raises `DataError` where there is none.
+    """
+    found = sorted(Path(name) for name in glob.glob(pattern, recursive=True))
+    files = [path for path in found if path.is_file()]
+    if not files:
+        raise DataError(f"{pattern}: no file has such a name")
+    return files
+
+
+def table_files_in(directory: Path) -> list[Path]:
+    """All Parquet and CSV files in a directory and below it, in the order of their names; hidden ones are left out."""
+    found = (path for path in directory.rglob("*") if is_parquet_name(path) or is_csv_name(path))
+    return sorted(
+        path
+        for path in found
+        if path.is_file() and not any(part.startswith(".") for part in path.relative_to(directory).parts)
+    )
+
+
+def read_table_files(paths: Sequence[Path]) -> RawTable:
+    """The rows of all files, one after another.
+
+    Files without a column `episode` are an episode each, which is called like the file without its ending.
+
+    Raises `DataError`, naming a file, where the columns differ, an episode begins in two files, or one cannot be read.
+    """
+    if not paths:
+        raise DataError(f"needs at least one file ({_SUFFIXES}), got none")
+    raws = [read_table_file(path) for path in paths]
+    first = raws[0]
+    for path, raw in zip(paths[1:], raws[1:], strict=True):
+        _check_columns(path, raw.table, paths[0], first.table)
+    if "episode" not in first.table.column_names:
+        tables = _named_after_files(paths, [raw.table for raw in raws])
+    else:
+        tables = [raw.table for raw in raws]
+        _check_episodes(paths, tables)
+    return RawTable(
+        _joined(paths, tables),
+        _common_schema(paths, [raw.schema for raw in raws]),
+        tuple(issue for raw in raws for issue in raw.issues),
+    )
+
+
+def _check_columns(path: Path, table: pa.Table, first_path: Path, first: pa.Table) -> None:
+    """All files need the same columns, in any order."""
+    here, there = set(table.column_names), set(first.column_names)
+    if here != there:
+        lacking, more = ", ".join(sorted(there - here)), ", ".join(sorted(here - there))
+        words = [f"lacks {lacking}"] if lacking else []
+        words += [f"has {more} besides"] if more else []
+        raise DataError(f"{path}: needs the same columns as {first_path}, but {' and '.join(words)}")
+
+
+def _named_after_files(paths: Sequence[Path], tables: Sequence[pa.Table]) -> list[pa.Table]:
+    names = [_stem(path) for path in paths]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DataError(f"files without a column 'episode' need different names, got {twice!r} twice")
+    return [
+        table.append_column("episode", pa.array([name] * len(table), pa.string()))
+        for name, table in zip(names, tables, strict=True)
+    ]
+
+
+def _stem(path: Path) -> str:
+    suffix = next(s for s in reversed((*PARQUET_SUFFIXES, *CSV_SUFFIXES)) if path.name.lower().endswith(s))
+    return path.name[: -len(suffix)]
+
+
+def _check_episodes(paths: Sequence[Path], tables: Sequence[pa.Table]) -> None:
+    """An episode may go on in another file, but begin in one only."""
+    if "step" not in tables[0].column_names:
+        return
+    begun: dict[object, Path] = {}
+    for path, table in zip(paths, tables, strict=True):
+        try:
+            firsts = table["episode"].filter(pc.equal(table["step"], 0)).unique()
+        except pa.ArrowException:  # a step that is no number is reported with all else that is wrong
+            return
+        for episode in firsts.to_pylist():
+            if episode is not None and begun.setdefault(episode, path) != path:
+                raise DataError(
+                    f"{path}: episode {episode} begins in {begun[episode]} too; episodes need different names"
+                )
+
+
+def _joined(paths: Sequence[Path], tables: Sequence[pa.Table]) -> pa.Table:
+    """One table; integers and fractions of one column become fractions."""
+    names = tables[0].column_names
+    same_order = [table.select(names).replace_schema_metadata(None) for table in tables]
+    try:
+        return pa.concat_tables(same_order, promote_options="permissive")
+    except pa.ArrowException:
+        for path, table in zip(paths[1:], same_order[1:], strict=True):
+            for name in names:
+                kinds = same_order[0].schema.field(name).type, table.schema.field(name).type
+                try:
+                    pa.unify_schemas([pa.schema([(name, kind)]) for kind in kinds], promote_options="permissive")
+                except pa.ArrowException:
+                    raise DataError(
+                        f"{path}: column {name} holds {kinds[1]}, but that of {paths[0]} holds {kinds[0]}"
+                    ) from None
+        raise
+
+
+def _common_schema(paths: Sequence[Path], schemas: Sequence[TableSchema | None]) -> TableSchema | None:
+    """What we wrote about all files; nothing where we did not write all of them."""
+    first, known = schemas[0], [schema for schema in schemas if schema is not None]
+    if first is None or len(known) < len(schemas):
+        return None
+    for path, schema in zip(paths, known, strict=True):
+        for what, mine, other in (
+            ("observations", first.observation_space, schema.observation_space),
+            ("actions", first.action_space, schema.action_space),
+        ):
+            differences = mine.differences(other)
+            if differences:
+                raise DataError(f"{path}: {what} differ from those of {paths[0]}: {'; '.join(differences)}")
+    return first.over(sum(schema.num_rows for schema in known))

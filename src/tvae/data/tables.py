@@ -1,0 +1,94 @@
+"""What can be read as a table of steps, wherever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Protocol, TypeAlias, runtime_checkable
+
+import pyarrow as pa
+
+from tvae.data.lerobot_source import is_lerobot, read_lerobot
+from tvae.data.raw_table import RawTable
+from tvae.data.robomimic_source import is_hdf5_name, read_robomimic
+from tvae.data.table_files import is_csv_name, is_parquet_name, read_table_file
+from tvae.data.table_sets import is_pattern, matching_files, read_table_files, table_files_in
+from tvae.data.trajectory import DataError
+
+
+@runtime_checkable
+class ArrowStream(Protocol):
+    """A table in memory of any library that speaks Arrow's C stream: pandas, polars, pyarrow and others."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object: ...
+
+
+DataSource: TypeAlias = str | Path | Sequence[str | Path] | ArrowStream
+"""A file, a pattern of files, a directory, an id, a list of files, or a table in memory."""
+
+
+def title(source: DataSource) -> str:
+    """How errors name a source.
+
+    >>> title(Path("a.csv")), title(["a.csv", "b.csv"]), title(pa.table({}))
+    ('a.csv', '2 files', 'Table')
+    """
+    if isinstance(source, str | Path):
+        return str(source)
+    return f"{len(source)} files" if isinstance(source, Sequence) else type(source).__name__
+
+
+def open_table(
+    source: DataSource, *, columns: Sequence[str] = (), needed: Collection[str] = ("episode", "step")
+) -> RawTable | None:
+    """The rows of a source, and of `columns`, if any are given, those only; None if it is no table.
+
+    Raises `DataError` with the source's name if it should be one and cannot be read.
+
+    >>> open_table(pa.table({"episode": [0], "step": [0]})).table.num_rows
+    1
+    """
+    try:
+        raw = _opened(source, columns)
+        return raw.only(columns, needed) if raw is not None and columns else raw
+    except DataError as error:
+        name = title(source)
+        raise error if str(error).startswith(name) else DataError(f"{name}: {error}") from None
+
+
+def _opened(source: DataSource, columns: Sequence[str]) -> RawTable | None:
+    if isinstance(source, ArrowStream):
+        return RawTable(_in_memory(source))
+    if not isinstance(source, str | Path):
+        return read_table_files([Path(path) for path in source])
+    path = Path(source)
+    if not path.exists() and is_pattern(str(source)):
+        return read_table_files(matching_files(str(source)))
+    if is_lerobot(path):
+        return read_lerobot(path, columns)
+    if path.is_dir() or not (path.is_file() or is_table_name(path)):
+        return None
+    return read_robomimic(path, columns) if is_hdf5_name(path) else read_table_file(path)
+
+
+def is_table_name(path: Path) -> bool:
+    """Whether a file's name says that it holds a table."""
+    return is_hdf5_name(path) or is_parquet_name(path) or is_csv_name(path)
+
+
+def open_directory(source: str | Path, *, columns: Sequence[str], needed: Collection[str]) -> RawTable | None:
+    """The rows of all Parquet and CSV files in a directory; None if it holds none."""
+    files = table_files_in(Path(source))
+    return open_table(files, columns=columns, needed=needed) if files else None
+
+
+def _in_memory(source: ArrowStream) -> pa.Table:
+    """An Arrow table; the index of a pandas frame becomes columns where it has names, else it is left out."""
+    try:
+        reset_index = getattr(source, "reset_index", None)
+        if reset_index is None:
+            return pa.table(source)
+        named = any(name is not None for name in source.index.names)  # type: ignore[attr-defined]
+        return pa.Table.from_pandas(reset_index() if named else source, preserve_index=False)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise DataError(f"cannot be read as an Arrow table: {error}") from error
