@@ -68,7 +68,7 @@ class Sight:
     >>> from tvae.envs.zombie import zombie_demonstrations
     >>> demonstrations = zombie_demonstrations(4)
     >>> sight = Sight(demonstrations)
-    >>> len(sight.demonstrated) == demonstrations.lengths.sum() == len(sight.episodes)
+    >>> len(sight.demonstrated) == len(sight.episodes) == int(demonstrations.lengths.sum())
     True
     """
 
