@@ -54,7 +54,7 @@ def network(sight: Sight, hidden_features: int, out_features: int) -> nn.Sequent
 class Judging:
     """How discriminator and posterior are learnt."""
 
-    penalty: float = 0.1
+    penalty: float = 0.01
     batch_size: int = 512
     """Own moments in a gradient step, and as many demonstrated ones."""
     learning_rate: float = 1e-3
@@ -155,7 +155,7 @@ class InfoGAIL:
     num_codes: int = 3
     """K; its source sets it to the number of styles."""
     information: float = 0.3
-    practice: Practice = field(default_factory=lambda: Practice(reward_steps=32))
+    practice: Practice = field(default_factory=lambda: Practice(reward_steps=64))
     judging: Judging = field(default_factory=Judging)
 
     def learn(self, lesson: Lesson) -> Bots:

@@ -62,11 +62,11 @@ class Practice:
     """Passes of PPO over the moments of a round."""
     num_batches: int = 16
     """Gradient steps of a pass."""
-    reward_steps: int = 16
+    reward_steps: int = 32
     """Gradient steps of the reward in a round."""
     learning_rate: float = 1e-3
     """At first; it falls to nothing along a line."""
-    discount: float = 0.9
+    discount: float = 0.97
     log_std: float = -1.0
     """Logarithm of the policy's standard deviation at first, in units of the demonstrations'; 0 where it chooses."""
     hidden_features: int = 64
@@ -89,7 +89,7 @@ class Practice:
         >>> from tvae.envs.zombie import zombie_demonstrations
         >>> lesson = Lesson(zombie_demonstrations(2), TASKS["zombie"].world, most_steps=200)
         >>> Practice().within(lesson).gradient_steps
-        192
+        112
         """
         allowed = lesson.limited(self.gradient_steps)
         rounds = self.num_rounds * allowed // self.gradient_steps
