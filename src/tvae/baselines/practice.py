@@ -51,6 +51,9 @@ class Practice:
     """How long, and by which PPO.
 
     Raises `ValueError` where the moments of a round cannot be split into its batches evenly.
+
+    >>> Practice(num_rounds=10, num_epochs=5, num_batches=16, reward_steps=32).gradient_steps
+    1120
     """
 
     num_rounds: int = 300
@@ -83,14 +86,7 @@ class Practice:
         return self.num_rounds * (self.num_epochs * self.num_batches + self.reward_steps)
 
     def within(self, lesson: Lesson) -> Practice:
-        """As many rounds as the lesson allows, or one of a single step of each.
-
-        >>> from tvae.experiments.benchmark.tasks import TASKS
-        >>> from tvae.envs.zombie import zombie_demonstrations
-        >>> lesson = Lesson(zombie_demonstrations(2), TASKS["zombie"].world, most_steps=200)
-        >>> Practice().within(lesson).gradient_steps
-        112
-        """
+        """As many rounds as the lesson allows, or one of a single gradient step of policy and reward each."""
         allowed = lesson.limited(self.gradient_steps)
         rounds = self.num_rounds * allowed // self.gradient_steps
         if rounds:

@@ -76,9 +76,11 @@ def from_extra(module: str, name: str, extra: str, **hyperparameters: Any) -> Ma
     return make
 
 
-def _coded_by_styles(make: Maker) -> Maker:
-    """With as many codes as the task has styles."""
-    return lambda task, cells: replace(make(task, cells), num_codes=len(TASKS[task].labels))  # type: ignore[type-var]
+def _infogail(task: str, cells: Path) -> Method:
+    """With as many codes as the task has styles; of zombies, codes tell the style only if they weigh little."""
+    weight = {"information": 0.02} if task == "zombie" else {}
+    codes = len(TASKS[task].labels)
+    return from_extra("tvae.baselines.gail", "InfoGAIL", "imitation", num_codes=codes, **weight)(task, cells)
 
 
 METHODS: Mapping[str, Entry] = {
@@ -98,7 +100,7 @@ METHODS: Mapping[str, Entry] = {
     "gail": Entry("GAIL", from_extra("tvae.baselines.gail", "GAIL", "imitation"), (Need.ENVIRONMENT,)),
     "infogail": Entry(
         "InfoGAIL given the number of styles",
-        _coded_by_styles(from_extra("tvae.baselines.gail", "InfoGAIL", "imitation")),
+        _infogail,
         (Need.ENVIRONMENT, Need.NUMBER),
     ),
     "state_vae": Entry("State-only trajectory VAE", _coded(StateTrajectoryVAE())),
