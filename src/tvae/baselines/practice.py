@@ -69,7 +69,7 @@ class Practice:
     """Gradient steps of the reward in a round."""
     learning_rate: float = 1e-3
     """At first; it falls to nothing along a line."""
-    discount: float = 0.97
+    discount: float = 0.9
     log_std: float = -1.0
     """Logarithm of the policy's standard deviation at first, in units of the demonstrations'; 0 where it chooses."""
     hidden_features: int = 64
