@@ -77,10 +77,8 @@ def from_extra(module: str, name: str, extra: str, **hyperparameters: Any) -> Ma
 
 
 def _infogail(task: str, cells: Path) -> Method:
-    """With as many codes as the task has styles; of zombies, codes tell the style only if they weigh little."""
-    weight = {"information": 0.02} if task == "zombie" else {}
-    codes = len(TASKS[task].labels)
-    return from_extra("tvae.baselines.gail", "InfoGAIL", "imitation", num_codes=codes, **weight)(task, cells)
+    """With as many codes as the task has styles."""
+    return from_extra("tvae.baselines.gail", "InfoGAIL", "imitation", num_codes=len(TASKS[task].labels))(task, cells)
 
 
 METHODS: Mapping[str, Entry] = {
