@@ -13,7 +13,7 @@ from toys import ACTIONS, noise, rows, two_styles
 from tvae.baselines.act import ActionChunks
 from tvae.baselines.chunks import ChunkPolicy
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
-from tvae.baselines.contract import Bots, Lesson, Method
+from tvae.baselines.contract import Bots, Envs, Lesson, Method, World
 from tvae.baselines.counting import StepCounter
 from tvae.baselines.dagger import corrected
 from tvae.baselines.descending import Descent
@@ -22,6 +22,7 @@ from tvae.baselines.from_observation import CloningFromObservation, InverseModel
 from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
 from tvae.baselines.policies import positions
+from tvae.baselines.practice import Practice
 from tvae.baselines.senses import Senses
 from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.data.demonstrations import Demonstrations
@@ -42,12 +43,30 @@ PLAYED = [(method, task) for method, entry in METHODS.items() for task in entry.
 
 def made(method: str, task: str = "zombie") -> Method:
     found = METHODS[method].make(task, Path("nowhere"))
-    small = {"num_rounds": 2, "num_episodes": 3} if "num_rounds" in hyperparameters(found) else {}
-    return replace(found, **small)
+    small = {"num_rounds": 2, "num_episodes": 3, "practice": Practice(2, 4, 32, 1, 1, 1)}
+    return replace(found, **{name: value for name, value in small.items() if name in hyperparameters(found)})
 
 
 def lesson(task: str, demonstrations: Demonstrations | None = None, seed: int = 0) -> Lesson:
     return Lesson(demonstrations or FEW[task](24), TASKS[task].world, seed, STEPS)
+
+
+def watched(world: World, needs: tuple[Need, ...], taken: StepCounter) -> World:
+    """The world, in which what is not among the needs is refused, and all steps are counted."""
+
+    def refused(*_: object) -> None:
+        raise AssertionError("used without saying so")
+
+    def lessons(label: str, count: int, seed: int) -> tuple[Envs, Policy]:
+        envs, demonstrator = world.lessons(label, count, seed)
+        return taken.of(envs), demonstrator
+
+    asked = Need.DEMONSTRATORS in needs
+    return World(
+        envs=(lambda count: taken.of(world.envs(count))) if Need.ENVIRONMENT in needs else refused,
+        demonstrators=world.demonstrators if asked else dict.fromkeys(world.demonstrators, refused),
+        lessons=lessons if asked else refused,
+    )
 
 
 def actions_of(policy: Policy, task: str) -> np.ndarray:
@@ -66,7 +85,8 @@ def actions_of(policy: Policy, task: str) -> np.ndarray:
 @pytest.mark.filterwarnings("ignore::tvae.train.diagnosis.TrainingWarning")
 @pytest.mark.parametrize(("method", "task"), PLAYED)
 def test_every_method_keeps_the_contract(method: str, task: str):
-    entry, first = METHODS[method], lesson(task)
+    entry, taken = METHODS[method], StepCounter()
+    first = replace(lesson(task), world=watched(TASKS[task].world, entry.needs, taken))
     bots = made(method, task).learn(first)
     assert isinstance(bots, Bots)
     assert set(bots.by_style) in (set(), set(TASKS[task].labels))
@@ -77,6 +97,7 @@ def test_every_method_keeps_the_contract(method: str, task: str):
         assert space.first_problem(done.reshape(-1, space.num_columns)) is None
         np.testing.assert_array_equal(actions_of(policy, task), done)  # reset begins anew; randomness is the seed's
     assert (first.steps.count > 0) == (Need.ENVIRONMENT in entry.needs)
+    assert first.steps.count == taken.count
     assert bots.facts.get("gradient_steps", 0) <= STEPS
     assert hyperparameters(made(method, task)) == hyperparameters(made(method, task))
 

@@ -29,6 +29,7 @@ class Need(Enum):
     """What a method learns from beside demonstrations."""
 
     LABELS = "labels"
+    NUMBER = "number of styles"
     ENVIRONMENT = "environment"
     DEMONSTRATORS = "demonstrators"
 
@@ -75,6 +76,11 @@ def from_extra(module: str, name: str, extra: str, **hyperparameters: Any) -> Ma
     return make
 
 
+def _infogail(task: str, cells: Path) -> Method:
+    """With as many codes as the task has styles."""
+    return from_extra("tvae.baselines.gail", "InfoGAIL", "imitation", num_codes=len(TASKS[task].labels))(task, cells)
+
+
 METHODS: Mapping[str, Entry] = {
     "demonstrators": Entry("Scripted demonstrators", _always(Demonstrators()), (Need.DEMONSTRATORS,)),
     "walk": Entry("Straight walk", _always(Walking()), tasks=("zombie",)),
@@ -84,6 +90,17 @@ METHODS: Mapping[str, Entry] = {
     "act": Entry("Action chunks, VAE (ACT-like)", _always(ActionChunks())),
     "flow": Entry("Action chunks, flow matching", _always(FlowMatching())),
     "from_observation": Entry("Cloning from observation", _always(CloningFromObservation()), (Need.ENVIRONMENT,)),
+    "apprenticeship": Entry(
+        "Apprenticeship learning",
+        from_extra("tvae.baselines.apprenticeship", "ApprenticeshipLearning", "imitation"),
+        (Need.ENVIRONMENT,),
+    ),
+    "gail": Entry("GAIL", from_extra("tvae.baselines.gail", "GAIL", "imitation"), (Need.ENVIRONMENT,)),
+    "infogail": Entry(
+        "InfoGAIL given the number of styles",
+        _infogail,
+        (Need.ENVIRONMENT, Need.NUMBER),
+    ),
     "state_vae": Entry("State-only trajectory VAE", _coded(StateTrajectoryVAE())),
     "indexed": Entry("Code for each trajectory (ZBC)", _coded(IndexedCloning())),
     "labelled": Entry("Cloning given the true label", _coded(LabelledCloning()), (Need.LABELS,)),
