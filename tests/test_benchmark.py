@@ -166,8 +166,8 @@ def test_all_files_hold_all_cells(plan: Plan):
 
 
 def test_what_there_is_not_is_said(tmp_path: Path):
-    with pytest.raises(TvaeError, match=r"no method gail; there are: demonstrators, walk"):
-        Plan(tmp_path, (0,), methods=("gail",))
+    with pytest.raises(TvaeError, match=r"no method maddpg; there are: demonstrators, walk"):
+        Plan(tmp_path, (0,), methods=("maddpg",))
     with pytest.raises(TvaeError, match="no task chess"):
         Plan(tmp_path, (0,), tasks=("chess",))
     with pytest.raises(TvaeError, match="at least one seed"):
