@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
-from tvae.figures.canvas import DOUBLE_COLUMN, new_figure, plain_axes
+from tvae.figures.canvas import DOUBLE_COLUMN, TEXT_SIZE, new_figure, plain_axes
 from tvae.figures.palette import MUTED, style_colour
 from tvae.figures.trajectories import draw_trajectory
 from tvae.spaces import Angular, Binary, Categorical, FloatArray, Signal
@@ -20,6 +20,8 @@ _COLUMNS = 4
 _HEIGHT = 1.5
 _BINS = 40
 _MOST_BARS = 8
+_FITTING = 20
+"""Characters of a title that are as wide as a panel; longer names are written smaller."""
 _MOST_EPISODES = 2_000
 _MOST_ROWS = 200_000
 
@@ -42,7 +44,8 @@ def draw_overview(demonstrations: Demonstrations, *, most_signals: int = 24) -> 
     lengths = plain_axes(figure.add_subplot(grid[0, 0]), title=f"steps of {len(demonstrations):,} episodes")
     lengths.hist(demonstrations.lengths, bins=_BINS, color=MUTED)
     for index, (name, signal, values) in enumerate(signals, start=1):
-        axes = plain_axes(figure.add_subplot(grid[index // _COLUMNS, index % _COLUMNS]), title=name)
+        axes = plain_axes(figure.add_subplot(grid[index // _COLUMNS, index % _COLUMNS]))
+        axes.set_title(name, loc="left", fontsize=TEXT_SIZE * min(1.0, _FITTING / len(name)), parse_math=False)
         _draw_distribution(axes, signal, values)
     for index, episode in enumerate(few.tolist()):
         trajectory = demonstrations[episode]
