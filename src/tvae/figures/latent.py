@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tvae.figures.canvas import SMALL_TEXT_SIZE, new_figure, plain_axes
-from tvae.figures.palette import INK, PAPER, style_colour, style_marker
+from tvae.figures.palette import INK, style_colour, style_marker
 from tvae.spaces import FloatArray, IntArray
 
 _GOLDEN = (5**0.5 - 1) / 2
@@ -116,8 +116,7 @@ def draw_points(axes: Axes, points: FloatArray, assignment: IntArray, *, size: f
             marker=style_marker(int(style)),
             markersize=size,
             markerfacecolor=style_colour(int(style)),
-            markeredgecolor=PAPER,
-            markeredgewidth=0.4,
+            markeredgewidth=0,  # an edge of its own would hide what lies at the same place
             alpha=0.85,
             rasterized=len(points) > 5000,
         )[0]
