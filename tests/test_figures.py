@@ -369,11 +369,11 @@ def test_an_overview_shows_lengths_signals_and_episodes() -> None:
     )
     figure = draw_overview(kept)
     panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
-    signals = [*(f"observation.{name}" for name in names), "action.0"]
+    signals = [*(f"observation\n{name}" for name in names), "action\n0"]
     episodes = [f"episode {index}" for index in (0, 3, 6, 9)]
     assert list(panels) == ["steps of 10 episodes", *signals, *episodes]
     assert sum(bar.get_height() for bar in panels["steps of 10 episodes"].patches) == 10
-    assert sum(bar.get_height() for bar in panels["observation.heading"].patches) == sum(range(2, 12))
-    assert [label.get_text() for label in panels["observation.room"].get_yticklabels()] == ["attic", "$hall$"]
-    assert [bar.get_width() for bar in panels["observation.room"].patches] == [1, 0]
+    assert sum(bar.get_height() for bar in panels["observation\nheading"].patches) == sum(range(2, 12))
+    assert [label.get_text() for label in panels["observation\nroom"].get_yticklabels()] == ["attic", "$hall$"]
+    assert [bar.get_width() for bar in panels["observation\nroom"].patches] == [1, 0]
     assert len(draw_overview(kept, most_signals=1).axes) == 2 + 4

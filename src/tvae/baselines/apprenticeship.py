@@ -39,8 +39,7 @@ class FeatureMatching:
         width = (some - others).norm(dim=-1).median()
         self._frequencies = torch.randn(some.shape[1], num_features) / width
         self._phases = 2 * math.pi * torch.rand(num_features)
-        each = 1 / torch.bincount(sight.episodes)[sight.episodes]
-        self._demonstrated = (each[:, None] * self._features(sight.demonstrated)).sum(0) / each.sum()
+        self._demonstrated = sight.weights @ self._features(sight.demonstrated) / sight.weights.sum()
         self.weights = torch.zeros(num_features)
 
     def _features(self, moments: Moments) -> Float[Tensor, "N F"]:

@@ -82,7 +82,8 @@ class Sight:
         lengths = torch.from_numpy(demonstrations.lengths)
         self.episodes: Int[Tensor, " N"] = torch.repeat_interleave(torch.arange(len(lengths)), lengths)
         """Which demonstration each moment is of."""
-        self._weights = 1 / lengths[self.episodes]
+        self.weights: Float[Tensor, " N"] = 1 / lengths[self.episodes]
+        """Of each moment, so that demonstrations weigh the same, however long they are."""
 
     def _standardised(self, features: Tensor) -> Tensor:
         return ((features - self._mean) / self._std).clamp(-_FARTHEST, _FARTHEST)
@@ -103,4 +104,4 @@ class Sight:
 
     def drawn(self, count: int) -> Moments:
         """Demonstrated moments by torch's generator, of each demonstration as often, however long it is."""
-        return self.demonstrated.at(torch.multinomial(self._weights, count, replacement=True))
+        return self.demonstrated.at(torch.multinomial(self.weights, count, replacement=True))

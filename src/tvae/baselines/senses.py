@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
-from tvae.model.calibration import spread, typical
+from tvae.model.calibration import some_rows, spread, typical
 from tvae.model.perception import Perception
 from tvae.spaces import Space
 
@@ -42,13 +42,11 @@ class Senses(nn.Module):
     def fit(cls, demonstrations: Demonstrations) -> Senses:
         """Measured on these demonstrations."""
         senses = cls(demonstrations.observation_space, demonstrations.action_space)
-        first, lengths = demonstrations.observation_starts, demonstrations.lengths
-        rows = demonstrations.observations[spread(first, lengths + demonstrations.final_observed)]
-        actions = demonstrations.actions[spread(demonstrations.action_starts, lengths)]
+        rows, actions = some_rows(demonstrations)
         senses.observations = Normalizer.fit(demonstrations.observation_space, rows)
         senses.actions = Normalizer.fit(demonstrations.action_space, actions)
         senses.perception.fit(rows)
-        before = spread(first, lengths - 1 + demonstrations.final_observed)
+        before = spread(demonstrations.observation_starts, demonstrations.lengths - 1 + demonstrations.final_observed)
         there, here = (senses(torch.from_numpy(demonstrations.observations[at]).float()) for at in (before + 1, before))
         senses.unit.copy_(typical(there - here))
         return senses

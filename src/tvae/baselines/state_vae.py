@@ -28,7 +28,7 @@ from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordere
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.heads import Head
-from tvae.model.calibration import spread, typical
+from tvae.model.calibration import typical_changes
 from tvae.model.encoder import Encoder
 from tvae.model.latent import StandardNormal
 from tvae.spaces import FloatArray
@@ -53,16 +53,8 @@ class StateVAE(nn.Module):
 
     def calibrate(self, demonstrations: Demonstrations) -> None:
         """Measure the typical change of each signal in one step."""
-        counts = demonstrations.lengths - 1 + demonstrations.final_observed
-        before = spread(demonstrations.observation_starts, counts)
-        there, here = (
-            self.policy.senses.observations.values(torch.from_numpy(demonstrations.observations[at]).float())
-            for at in (before + 1, before)
-        )
-        change = there - here
-        angular = demonstrations.observation_space.angular
-        change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
-        self.next_state.unit.copy_(typical(change))
+        of_values, _ = typical_changes(self.policy.senses.observations, demonstrations)
+        self.next_state.unit.copy_(of_values)
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | s_1:T), batch shape (B, Z)."""

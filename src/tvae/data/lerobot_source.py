@@ -25,7 +25,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from tvae.data.columns import plain
-from tvae.data.raw_table import RawTable, is_below
+from tvae.data.raw_table import RawTable, is_asked_for
 from tvae.data.trajectory import DataError
 
 INFO_PATH = Path("meta/info.json")
@@ -72,8 +72,7 @@ def _chosen(directory: Path, features: Mapping[str, Any], columns: Sequence[str]
 
     def wanted(name: str) -> bool:
         called = _RENAMED.get(name, name)
-        given = any(is_below(called, column) or is_below(column, called) for column in columns)
-        return not columns or given or called in {"episode", "step"}
+        return called in {"episode", "step"} or is_asked_for(called, columns)
 
     chosen = [name for name in features if name not in _NOT_READ and wanted(name)]
     pictures = [name for name in chosen if features[name]["dtype"] in _PICTURES]

@@ -49,3 +49,12 @@ def is_below(name: str, wanted: str) -> bool:
     (True, False)
     """
     return name == wanted or name.startswith(f"{wanted}.")
+
+
+def is_asked_for(name: str, columns: Sequence[str]) -> bool:
+    """Whether a column, or a part of it, is among `columns`; without `columns` every one is.
+
+    >>> [is_asked_for("observation.state", columns) for columns in ([], ["observation.state.0"], ["action"])]
+    [True, True, False]
+    """
+    return not columns or any(is_below(name, wanted) or is_below(wanted, name) for wanted in columns)

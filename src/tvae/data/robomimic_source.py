@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from tvae.data.raw_table import RawTable, is_below
+from tvae.data.raw_table import RawTable, is_asked_for
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.trajectory import DataError
 
@@ -98,7 +98,7 @@ def _table(name: str, demo: h5py.Group, facts: Mapping[str, bool], columns: Sequ
     final = "next_obs" in demo
     for key, values in _leaves(demo["obs"]):
         column = OBSERVATION + key
-        if columns and not any(is_below(column, wanted) or is_below(wanted, column) for wanted in columns):
+        if not is_asked_for(column, columns):
             continue
         seen = dict(_wide(name, f"obs/{key}", column, values))
         after = demo["next_obs"].get(key.replace(".", "/")) if final else None

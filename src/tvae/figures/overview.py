@@ -20,21 +20,21 @@ _COLUMNS = 4
 _HEIGHT = 1.5
 _BINS = 40
 _MOST_BARS = 8
-_FITTING = 20
+_FITTING = 16
 """Characters of a title that are as wide as a panel; longer names are written smaller."""
 _MOST_EPISODES = 2_000
 _MOST_ROWS = 200_000
 
 
 def draw_overview(demonstrations: Demonstrations, *, most_signals: int = 24) -> Figure:
-    """The lengths of all episodes, the first `most_signals` signals, and four episodes from first to last.
+    r"""The lengths of all episodes, the first `most_signals` signals, and four episodes from first to last.
 
     Of more than 2,000 episodes or 200,000 rows, signals show as many, evenly chosen.
 
     >>> from tvae.data.arrays import from_arrays
     >>> figure = draw_overview(from_arrays([np.arange(4.0)] * 5, [np.array(["left", "right", "left", "left"])] * 5))
     >>> [axes.get_title(loc="left") for axes in figure.axes][:3]
-    ['steps of 5 episodes', 'observation.0', 'action.0']
+    ['steps of 5 episodes', 'observation\n0', 'action\n0']
     """
     signals = list(_signals(demonstrations))[:most_signals]
     few = np.unique(np.linspace(0, len(demonstrations) - 1, _COLUMNS).round().astype(np.int64))
@@ -45,7 +45,8 @@ def draw_overview(demonstrations: Demonstrations, *, most_signals: int = 24) -> 
     lengths.hist(demonstrations.lengths, bins=_BINS, color=MUTED)
     for index, (name, signal, values) in enumerate(signals, start=1):
         axes = plain_axes(figure.add_subplot(grid[index // _COLUMNS, index % _COLUMNS]))
-        axes.set_title(name, loc="left", fontsize=TEXT_SIZE * min(1.0, _FITTING / len(name)), parse_math=False)
+        size = TEXT_SIZE * min(1.0, _FITTING / len(signal.name))
+        axes.set_title(name.replace(".", "\n", 1), loc="left", fontsize=size, parse_math=False)
         _draw_distribution(axes, signal, values)
     for index, episode in enumerate(few.tolist()):
         trajectory = demonstrations[episode]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from tvae.spaces import IntArray
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.normalizer import Normalizer
+from tvae.spaces import FloatArray, IntArray
 
 MOST_ROWS = 1_000_000
 
@@ -26,3 +30,28 @@ def spread(starts: IntArray, counts: IntArray) -> IntArray:
     episode = np.searchsorted(ends, ordinal, side="right")
     rows: IntArray = ordinal - (ends - counts - starts)[episode]
     return rows
+
+
+def some_rows(demonstrations: Demonstrations) -> tuple[FloatArray, FloatArray]:
+    """Observations and actions of all episodes, evenly spaced if there are too many."""
+    lengths = demonstrations.lengths
+    observed = spread(demonstrations.observation_starts, lengths + demonstrations.final_observed)
+    acted = spread(demonstrations.action_starts, lengths)
+    return demonstrations.observations[observed], demonstrations.actions[acted]
+
+
+def typical_changes(
+    normalizer: Normalizer, demonstrations: Demonstrations
+) -> tuple[Float[Tensor, " C"], Float[Tensor, " F"]]:
+    """The typical change of each value and of each feature of an observation in one step.
+
+    Angles change along the shorter arc. Computed in double, and where double is: not every accelerator knows it.
+    """
+    rows = spread(demonstrations.observation_starts, demonstrations.lengths - 1 + demonstrations.final_observed)
+    normalizer = deepcopy(normalizer).cpu().double()
+    observations = demonstrations.observations
+    before, after = (normalizer.values(torch.from_numpy(observations[at])) for at in (rows, rows + 1))
+    change = after - before
+    angular = normalizer.space.angular
+    change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
+    return typical(change), typical(normalizer.features(after) - normalizer.features(before))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from copy import deepcopy
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,7 +22,7 @@ from tvae.data.normalizer import Normalizer
 from tvae.errors import ModelError
 from tvae.files import appearing
 from tvae.hub import CARD, upload
-from tvae.model.calibration import spread, typical
+from tvae.model.calibration import some_rows, typical_changes
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.events import Events
@@ -180,24 +179,14 @@ class TrajectoryVAE(nn.Module):
 
         Of more than a million steps, a million evenly spaced ones are used.
         """
-        demos, first = demonstrations, demonstrations.observation_starts
-        observations = demos.observations[spread(first, demos.lengths + demos.final_observed)]
-        actions = demos.actions[spread(demos.action_starts, demos.lengths)]
+        observations, actions = some_rows(demonstrations)
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
             normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
         self.perception.fit(observations)
-        before = spread(first, demos.lengths - 1 + demos.final_observed)
-        # In double, and where double is: not every accelerator knows it.
-        normalizer = deepcopy(self.observation_normalizer).cpu().double()
-        states = [normalizer.values(torch.from_numpy(demos.observations[rows])) for rows in (before, before + 1)]
-        change = states[1] - states[0]
-        angular = self.observation_space.angular
-        change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi
-        self.state_decoder.head.unit.copy_(typical(change))
-        features = [normalizer.features(values) for values in states]
-        unit = typical(features[1] - features[0])
+        of_values, of_features = typical_changes(self.observation_normalizer, demonstrations)
+        self.state_decoder.head.unit.copy_(of_values)
         for decoder in (self.state_decoder, self.policy_decoder):
-            decoder.trunk.unit[: len(unit)].copy_(unit)
+            decoder.trunk.unit[: len(of_features)].copy_(of_features)
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | tau) of each trajectory of the batch, batch shape (B, Z)."""
