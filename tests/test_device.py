@@ -86,5 +86,5 @@ def test_a_step_happens_where_the_weights_are(arguments: dict):
     assert model.prior.sample(3).device == meta
     states = model.observation_normalizer.features(observations)
     inputs = model.state_decoder_inputs(states, model.action_normalizer.values(actions))
-    law, log_odds = model.state_decoder(inputs, observations, model.prior.sample(2))
+    law, log_odds, _ = model.state_decoder(inputs, observations, model.prior.sample(2))
     assert law.mode().device == log_odds.device == meta

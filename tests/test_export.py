@@ -41,6 +41,7 @@ from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "act_with_onnx_runtime.py"
 HEADING = Space((Angular("heading"),))
+GRID = Space((Categorical("x", (1, 2, 3)), Continuous("speed"), Categorical("y", (0, 1, 2, 3, 5))))
 CONFIGURATIONS: dict[str, dict[str, Any]] = {
     "every kind": {},
     "mixtures": {"action_components": 3, "state_components": 2, "window": 4},
@@ -52,6 +53,7 @@ CONFIGURATIONS: dict[str, dict[str, Any]] = {
     "numbers": {"action_space": Space((Continuous("force"), Continuous("lift"))), "window": 1},
     "a direction": {"action_space": HEADING, "observation_space": HEADING, "window": 5},
     "a choice": {"action_space": Space((Categorical("move", ("a", "b", "c")),)), "action_components": 2},
+    "a place on a grid": {"observation_space": GRID, "horizon": 3},
     "a lone choice": {"action_space": Space((Categorical("move", ("a", "b", "c")), Binary("jump")))},
 }
 

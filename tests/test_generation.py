@@ -125,7 +125,7 @@ def test_a_dream_follows_its_decoders_step_by_step(starts: np.ndarray, latents: 
         values = model.observation_normalizer.values(torch.from_numpy(episode.observations[None, :-1]).float())
         states = model.observation_normalizer.features(values)
         taken = model.action_normalizer.values(torch.from_numpy(episode.actions[None]).float())
-        law, _ = model.state_decoder(model.state_decoder_inputs(states, taken), values, z)
+        law, _, _ = model.state_decoder(model.state_decoder_inputs(states, taken), values, z)
         following = model.observation_normalizer.raw(law.mode())[0].numpy()
         seen = torch.from_numpy(episode.observations[None, :-1]).float()
         inputs = model.policy_decoder_inputs(seen, torch.zeros(1, 5, 0))

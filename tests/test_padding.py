@@ -24,6 +24,7 @@ MODELS = {
         "latent_features": 3,
     },
     "without latent": {"latent_features": 0, "stop": False},
+    "with a horizon": {"horizon": 3},
     "a dynamics model": {"encode_actions": False, "dynamics": True},
 }
 episodes = st.lists(st.tuples(st.integers(1, 7), st.booleans()), min_size=1, max_size=5)
@@ -122,7 +123,7 @@ def test_no_state_term_where_the_next_observation_is_missing():
     with torch.no_grad():
         values = model.observation_normalizer.values(batch.observations)
         states = model.observation_normalizer.features(values)
-        law, _ = model.state_decoder(states, values, full["mean"])
+        law, _, _ = model.state_decoder(states, values, full["mean"])
         by_step = law.log_prob(model.observation_normalizer.values(batch.next_observations))
     torch.testing.assert_close(full["state"][0] - less["state"][0], by_step[0, 4], rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(full["state"][1], less["state"][1])

@@ -52,7 +52,7 @@ def test_sums_are_the_terms_of_the_bound(demonstrations: Demonstrations, argumen
         sees = whole(batch) if model.window is None else rolling(batch.lengths, 2)
         policy = policy_log_likelihood(model, batch, z, sees)
         windows = whole(batch) if model.window is None else cut(batch.lengths, 3, 0)
-        state, stop = state_log_likelihood(model, batch, z, windows)
+        state, _, stop = state_log_likelihood(model, batch, z, windows)
     scores = score(model, demonstrations, batch_size=2)
     for found, expected in ((scores.policy_term, policy), (scores.state_term, state), (scores.stop_term, stop)):
         np.testing.assert_allclose(found, expected, atol=1e-4, rtol=0)

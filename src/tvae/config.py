@@ -37,6 +37,8 @@ class ModelConfig:
     """Let the encoder read the actions beside the states."""
     reactive: bool = True
     """Let the decoders' heads see the present state and its last change beside what the LSTM remembers."""
+    horizon: int = 1
+    """Steps ahead for which the state decoder says what will be, beside the next; z then holds where one is going."""
     dynamics: bool = False
     """Let the state decoder read the actions beside the states, so that it says what each leads to."""
     events: bool = True

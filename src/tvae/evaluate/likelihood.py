@@ -80,7 +80,7 @@ def _log_weights(
     for _ in range(num_samples):
         z = posterior.sample()
         policy = policy_log_likelihood(model, batch, z, for_policy)
-        state, stop = state_log_likelihood(model, batch, z, for_state)
+        state, _, stop = state_log_likelihood(model, batch, z, for_state)
         cost = posterior.log_prob(z).sum(-1) - model.prior.log_prob(z)
         everything.append(policy + state + stop - cost)
         actions.append(policy - cost)

@@ -140,9 +140,9 @@ def score(
         actions = predicted_actions(model, batch, z, at)
         action[rows], action_signals[rows] = _terms(actions, at, batch)
         at = state_windows(model, batch)
-        states, ends = predicted_states(model, batch, z, at)
-        state[rows], observation_signals[rows] = _terms(states, at, batch)
-        end[rows] = _steps(ends[..., None], at.valid, at, batch)[:, 0]
+        states = predicted_states(model, batch, z, at)
+        state[rows], observation_signals[rows] = _terms(states.following, at, batch)
+        end[rows] = _steps(states.ends[..., None], at.valid, at, batch)[:, 0]
         occurrence = model.events.occurrence(z).log_prob_by_column(used_events(model, batch).to(z.dtype))
         events[episodes] = occurrence.double().cpu().numpy()
         finished += len(episodes)

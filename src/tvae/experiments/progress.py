@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 
 from rich.console import Console
@@ -42,7 +43,7 @@ def scalars(record: Record) -> dict[str, float]:
     """
     numbers: dict[str, float] = {}
     for part, terms in (("training", record.training), ("held_out", record.held_out)):
-        numbers |= {f"{part}/{name}": getattr(terms, name) for name in ("policy", "state", "stop", "kl")}
+        numbers |= {f"{part}/{field.name}": getattr(terms, field.name) for field in fields(terms)}
         numbers[f"{part}/elbo"] = terms.value(1.0)
     return {**numbers, "beta": record.beta}
 

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from tvae.data.normalizer import Normalizer
 from tvae.export.arranged import Affine
 from tvae.export.sheet import Input, Sheet, Value, as_rows
+from tvae.model.ranks import Ranks
 from tvae.model.trunks import LARGEST
 
 
@@ -38,6 +39,20 @@ def features(normalizer: Normalizer, rows: Value) -> Value:
         numbers = np.concatenate([np.arange(count) for count in space.num_categories])
         parts.append(rows.sheet.node("Equal", rows.columns(columns), numbers.astype(np.float32)).number())
     return rows.sheet.join(parts)
+
+
+def changes_of_ranks(ranks: Ranks, raw: Value, step: Value) -> tuple[Value, Value]:
+    """`Ranks.forward` of raw rows (B, T, C) in two halves, the ranks and their changes; `step` is 0, 1, ..., T - 1."""
+    sheet = raw.sheet
+    there = (raw.columns(ranks.columns.cpu().numpy()) - ranks.mean) / ranks.deviation
+    before = sheet.where(step.above(np.array(0)), step - np.array(1), step)
+    return there, there - sheet.node("Gather", there, before, axis=1)
+
+
+def areas_of(ranks: Ranks, there: Value, changes: Value) -> Value:
+    """What `Ranks.areas` takes the mean of."""
+    first, second = (pairs.cpu().numpy() for pairs in (ranks.first, ranks.second))
+    return there.columns(first) * changes.columns(second) - there.columns(second) * changes.columns(first)
 
 
 def linear(layer: nn.Linear, rows: Value, *, rank: int = 2) -> Value:

@@ -6,13 +6,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from tvae.data.batches import TrajectoryBatch
 from tvae.export.arranged import Arranged
 from tvae.export.heads import choice, law_of
 from tvae.export.laws import choose, law_ports, law_tensors, noise_names
-from tvae.export.layers import features, linear, over_time, values
+from tvae.export.layers import areas_of, changes_of_ranks, features, linear, over_time, values
 from tvae.export.ports import BATCH, TIME, Graph, Port
 from tvae.export.recurrence import read
-from tvae.export.sheet import Value
+from tvae.export.sheet import Value, as_rows
 from tvae.export.uniform import numbers_of
 from tvae.model.encoder import LOG_VARIANCE_RANGE, Encoder
 from tvae.model.tvae import TrajectoryVAE
@@ -53,12 +54,10 @@ class EncoderGraph(Graph):
 
     def compute(self, given: dict[str, Tensor]) -> dict[str, Tensor]:
         """The parameters of the posterior."""
-        model = self.model
-        observed, acted = model.observation_normalizer, model.action_normalizer
-        parts = [observed.features(observed.values(given["observations"]))]
-        if model.encode_actions:
-            parts.append(acted.features(acted.values(given["actions"])))
-        posterior = model.encoder(torch.cat(parts, dim=-1), given["lengths"])
+        observations, lengths = given["observations"], given["lengths"]
+        known = torch.zeros(observations.shape[:2], dtype=torch.bool, device=observations.device)
+        actions = given.get("actions", observations[..., :0])
+        posterior = self.model.posterior(TrajectoryBatch(observations, observations, actions, lengths, known))
         return {"mean": posterior.loc, "deviation": posterior.scale}
 
     def write(self, given: dict[str, Value]) -> dict[str, Value]:
@@ -67,11 +66,11 @@ class EncoderGraph(Graph):
         assert isinstance(model.encoder, Encoder)
         sheet, net = lengths.sheet, model.encoder.recurrent
         normalizers = {"observations": model.observation_normalizer, "actions": model.action_normalizer}
-        rows = sheet.join(
-            [features(law, values(law, given[name])) for name, law in normalizers.items() if name in given]
-        )
-        time = sheet.node("Shape", rows, start=1, end=2).squeeze(0)
+        read = [features(law, values(law, given[name])) for name, law in normalizers.items() if name in given]
+        time = sheet.node("Shape", given["observations"], start=1, end=2).squeeze(0)
         step = sheet.node("Range", np.array(0), time, np.array(1))
+        ranks = changes_of_ranks(model.ranks, given["observations"], step) if model.ranks.num_features else None
+        rows = sheet.join([read[0], *([] if ranks is None else ranks), *read[1:]])
         left = lengths.unsqueeze(1) - step  # steps that are left, (B, T)
         inside = left.above(np.array(0))
         index = sheet.where(inside, left - np.array(1), step).unsqueeze(-1)
@@ -79,6 +78,9 @@ class EncoderGraph(Graph):
         share = (inside.number() / lengths.unsqueeze(1).number()).unsqueeze(-1)
         pooled = [(over_time(net.forwards, rows) * share).sum(1), (over_time(net.backwards, backwards) * share).sum(1)]
         law = linear(model.encoder.parameters_of_law, sheet.join(pooled))
+        if ranks is not None and model.encoder.of_summary is not None:
+            areas = (areas_of(model.ranks, *ranks) * share).sum(1) / model.ranks.area_unit
+            law = law + sheet.node("MatMul", areas, as_rows(model.encoder.of_summary.weight).T)
         mean, log_variance = sheet.nodes_of("Split", [law, np.array([model.latent_features] * 2)], 2, axis=-1)
         low, high = LOG_VARIANCE_RANGE
         clamped = sheet.node("Clip", log_variance, low, high)
@@ -137,14 +139,14 @@ class StateDecoderGraph(Graph):
         inputs = states
         if model.dynamics:
             inputs = model.state_decoder_inputs(states, model.action_normalizer.values(given["actions"]))
-        law, log_odds = model.state_decoder(inputs, values, z)
-        tensors = law_tensors(law, model.observation_normalizer)
+        foretold = model.state_decoder(inputs, values, z)
+        tensors = law_tensors(foretold.following, model.observation_normalizer)
         found = {
             "next_observations": choose(tensors, model.observation_space, noise, given["most_likely"]),
             **tensors,
         }
         if model.stop:
-            ends = log_odds.sigmoid()
+            ends = foretold.log_odds.sigmoid()
             threshold = torch.where(given["most_likely"] > 0.5, 0.5, noise[..., -1])
             found |= {END: (ends > threshold).to(ends.dtype), "end_probability": ends}
         return found

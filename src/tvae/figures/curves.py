@@ -17,6 +17,7 @@ from tvae.train.checkpoint import Record, Terms
 _TERMS: tuple[tuple[str, Callable[[Terms], float]], ...] = (
     ("Policy: log-likelihood of actions", lambda terms: terms.policy),
     ("State: log-likelihood of next states", lambda terms: terms.state),
+    ("Ahead: log-likelihood of states to come", lambda terms: terms.ahead),
     ("Stop: log-likelihood of the end", lambda terms: terms.stop),
     ("KL: what z tells", lambda terms: terms.kl),
 )
@@ -26,8 +27,9 @@ _LOOKS = (("training", STYLE_COLOURS[5], "-"), ("held out", STYLE_COLOURS[0], "-
 def training_curves(records: Sequence[Record]) -> Figure:
     """The terms of the bound, in nats per trajectory, on training and on held-out demonstrations.
 
-    The stop term is left out where it was never used, and a constant beta is said instead of drawn. Where the
-    first tenth of training would flatten all the rest, the axis does not reach it and the panel says so.
+    The terms of the end and of what is ahead are left out where they were never used, and a constant beta is said
+    instead of drawn. Where the first tenth of training would flatten all the rest, the axis does not reach it and the
+    panel says so.
 
     >>> before, after = Terms(-60.0, -9.0, 0.0, 1.0), Terms(-20.0, -4.0, 0.0, 2.0)
     >>> figure = training_curves([Record(0, 1.0, before, before), Record(100, 1.0, after, after)])
@@ -36,8 +38,7 @@ def training_curves(records: Sequence[Record]) -> Figure:
     """
     if not records:
         raise ValueError("training curves need at least one record, got none")
-    used = any(record.training.stop or record.held_out.stop for record in records)
-    terms = [term for term in _TERMS if used or not term[0].startswith("Stop")]
+    terms = [(title, of) for title, of in _TERMS if any(of(r.training) or of(r.held_out) for r in records)]
     constant = len({record.beta for record in records}) == 1
     count = len(terms) + (not constant)
     columns = 2 if count in {2, 4} else 3

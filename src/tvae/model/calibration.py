@@ -41,16 +41,17 @@ def some_rows(demonstrations: Demonstrations) -> tuple[FloatArray, FloatArray]:
 
 
 def typical_changes(
-    normalizer: Normalizer, demonstrations: Demonstrations
+    normalizer: Normalizer, demonstrations: Demonstrations, steps: int = 1
 ) -> tuple[Float[Tensor, " C"], Float[Tensor, " F"]]:
-    """The typical change of each value and of each feature of an observation in one step.
+    """The typical change of each value and each feature of an observation in so many steps; 1 where there are none.
 
     Angles change along the shorter arc. Computed in double, and where double is: not every accelerator knows it.
     """
-    rows = spread(demonstrations.observation_starts, demonstrations.lengths - 1 + demonstrations.final_observed)
+    pairs = np.maximum(demonstrations.lengths - steps + demonstrations.final_observed, 0)
+    rows = spread(demonstrations.observation_starts, pairs)
     normalizer = deepcopy(normalizer).cpu().double()
     observations = demonstrations.observations
-    before, after = (normalizer.values(torch.from_numpy(observations[at])) for at in (rows, rows + 1))
+    before, after = (normalizer.values(torch.from_numpy(observations[at])) for at in (rows, rows + steps))
     change = after - before
     angular = normalizer.space.angular
     change[:, angular] = torch.remainder(change[:, angular] + torch.pi, 2 * torch.pi) - torch.pi

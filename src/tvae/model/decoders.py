@@ -1,11 +1,14 @@
 """The two decoders, p(s_{t+1} | s_{1:t}, z) and pi(a_t | s_{1:t}, z): a recurrent trunk and a head each.
 
+The state decoder may say where things are h steps ahead too, p(s_{t+h} | s_{1:t}, z).
+
 As a dynamics model the state decoder reads the action of each step too, p(s_{t+1} | s_{1:t}, a_{1:t}, z).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -23,31 +26,49 @@ class Endless(nn.Module):
         return features.new_full((*features.shape[:-1], 1), -math.inf)
 
 
-class StateDecoder(nn.Module):
-    """p(s_{t+1} | s_{1:t}, z), by the change of state, and optionally p(end_t | s_{1:t}, z).
+class Foretold(NamedTuple):
+    """What the state decoder says at each step."""
 
-    Where `trunk` takes the features of actions beside those of states, both laws are given a_{1:t} too.
+    following: RowDistribution
+    """p(s_{t+1} | s_{1:t}, z), batch shape (B, T)"""
+    log_odds: Float[Tensor, "B T"]
+    """that the episode ends with this step"""
+    ahead: RowDistribution | None
+    """p(s_{t+h} | s_{1:t}, z), batch shape (B, T); None for a horizon h = 1"""
+
+
+class StateDecoder(nn.Module):
+    """p(s_{t+1} | s_{1:t}, z), by the change of state; optionally p(end_t | s_{1:t}, z) and p(s_{t+h} | s_{1:t}, z).
+
+    Where `trunk` takes the features of actions beside those of states, all laws are given a_{1:t} too.
     """
 
-    def __init__(self, space: Space, trunk: Trunk, *, floor: float, stop: bool, num_components: int = 1) -> None:
+    def __init__(
+        self, space: Space, trunk: Trunk, *, floor: float, stop: bool, num_components: int = 1, horizon: int = 1
+    ) -> None:
         super().__init__()
+        self.horizon = horizon
         self.trunk = trunk
         self.head = Head(space, self.trunk.num_features, floor=floor, num_components=num_components)
         self.stop = nn.Linear(self.trunk.num_features, 1) if stop else Endless()
+        self.ahead = (
+            Head(space, self.trunk.num_features, floor=floor, num_components=num_components) if horizon > 1 else None
+        )
 
     def forward(
         self,
         inputs: Float[Tensor, "B T F"],
         values: Float[Tensor, "B T O"],
         z: Float[Tensor, "B Z"],
-    ) -> tuple[RowDistribution, Float[Tensor, "B T"]]:
-        """The law of each next state's values, and the log-odds that the episode ends with this step.
+    ) -> Foretold:
+        """The laws of the values of the states to come, and the log-odds that the episode ends with this step.
 
         `inputs` are features of the states, then of the actions if the trunk takes them; `values` are the states as
         standardised rows.
         """
         features, _ = self.trunk(inputs, z)
-        return self.head(features, values), self.stop(features).squeeze(-1)
+        ahead = None if self.ahead is None else self.ahead(features, values)
+        return Foretold(self.head(features, values), self.stop(features).squeeze(-1), ahead)
 
 
 class PolicyDecoder(nn.Module):

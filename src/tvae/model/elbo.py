@@ -3,6 +3,10 @@
     ELBO(tau) = E_q[ sum_t log pi(a_t | s_1:t, z) + sum_t log p(s_t+1 | s_1:t, z) + sum_t log p(end_t | s_1:t, z) ]
                 - beta KL(q(z | tau) || p(z))
 
+For a model with a `horizon` h > 1 the bound is that of a composite likelihood (Lindsay 1988; Varin, Reid & Firth 2011),
+which counts where things are h steps ahead too, sum_t log p(s_t+h | s_1:t, z). Where the next state nearly follows from
+the present one, little of what z tells shows in it, and much in where one is going.
+
 For a model with `dynamics` the state and stop terms are given a_1:t too, and for one without `encode_actions` the
 posterior is q(z | s_1:T).
 
@@ -34,6 +38,8 @@ class Elbo:
     """sum_t log pi(a_t | s_1:t, z), and log p(E | z) of the model's events (`tvae.model.events`)"""
     state: Float[Tensor, " B"]
     """sum_t log p(s_t+1 | s_1:t, z), over the next states that were recorded"""
+    ahead: Float[Tensor, " B"]
+    """sum_t log p(s_t+h | s_1:t, z), over those that were recorded; 0 for a horizon h = 1"""
     stop: Float[Tensor, " B"]
     """sum_t log p(end_t | s_1:t, z); 0 for a model without the stop term"""
     kl: Float[Tensor, " B"]
@@ -45,7 +51,7 @@ class Elbo:
 
     def value(self, beta: float = 1.0, state_weight: float = 1.0) -> Float[Tensor, " B"]:
         """The bound, with the divergence weighted by `beta` and the state term by `state_weight`."""
-        return self.policy + state_weight * self.state + self.stop - beta * self.kl
+        return self.policy + state_weight * self.state + self.ahead + self.stop - beta * self.kl
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +64,18 @@ class Predicted:
     """What came, as `tvae.data.normalizer` calls values"""
     counts: Bool[Tensor, "R W"]
     """Where a row has a term: once for each step that has one"""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedStates:
+    """What the state decoder gives before it comes."""
+
+    following: Predicted
+    """s_t+1"""
+    ends: Float[Tensor, "R W"]
+    """log p(end_t | s_1:t, z) of what came; 0 for a model without the stop term"""
+    ahead: Predicted | None
+    """s_t+h; None for a horizon h = 1"""
 
 
 def used_events(model: TrajectoryVAE, batch: TrajectoryBatch) -> Bool[Tensor, "B N"]:
@@ -84,40 +102,56 @@ def predicted_actions(
 
 def predicted_states(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
-) -> tuple[Predicted, Float[Tensor, "R W"]]:
-    """p(s_t+1 | s_1:t, z) at `z`, and log p(end_t | s_1:t, z), which is 0 for a model without the stop term."""
+) -> PredictedStates:
+    """What the state decoder says at `z`; in each window it starts without memory."""
     at = (windows.trajectory[:, None], windows.steps)
     values = model.observation_normalizer.values(batch.observations[at])
     states = model.observation_normalizer.features(values)
     actions = model.action_normalizer.values(batch.actions[at])
-    law, log_odds = model.state_decoder(
+    foretold = model.state_decoder(
         model.state_decoder_inputs(states, actions), values, z[windows.trajectory]
     )
     following = model.observation_normalizer.values(batch.next_observations[at])
-    predicted = Predicted(law, following, windows.valid & batch.next_known[at])
-    if not model.stop:
-        return predicted, torch.zeros_like(log_odds)
-    last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(log_odds.dtype)
-    return predicted, -binary_cross_entropy_with_logits(log_odds, last, reduction="none")
+    ends = torch.zeros_like(foretold.log_odds)
+    if model.stop:
+        last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(ends.dtype)
+        ends = -binary_cross_entropy_with_logits(foretold.log_odds, last, reduction="none")
+    return PredictedStates(
+        Predicted(foretold.following, following, windows.valid & batch.next_known[at]),
+        ends,
+        None if foretold.ahead is None else _ahead(model, batch, foretold.ahead, windows),
+    )
+
+
+def _ahead(model: TrajectoryVAE, batch: TrajectoryBatch, law: RowDistribution, windows: Windows) -> Predicted:
+    """The states that `law` foretells: s_t+h follows a_t+h-1."""
+    steps = windows.steps + model.state_decoder.horizon - 1
+    within = steps < batch.lengths[windows.trajectory, None]
+    at = (windows.trajectory[:, None], steps.clamp_max(batch.actions.shape[1] - 1))
+    rows = model.observation_normalizer.values(batch.next_observations[at])
+    return Predicted(law, rows, windows.valid & within & batch.next_known[at])
 
 
 def policy_log_likelihood(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> Float[Tensor, " B"]:
     """The policy term of each trajectory at `z`; in each window the decoder starts without memory."""
-    actions = predicted_actions(model, batch, z, windows)
-    terms = actions.law.log_prob(actions.values)
     events = model.events.log_prob(z, used_events(model, batch))
-    return _total(terms, actions.counts, windows, batch) + events
+    return _log_likelihood(predicted_actions(model, batch, z, windows), windows, batch) + events
 
 
 def state_log_likelihood(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
-) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"]]:
-    """The state and stop terms of each trajectory at `z`; in each window the decoder starts without memory."""
-    states, ends = predicted_states(model, batch, z, windows)
-    terms = states.law.log_prob(states.values)
-    return _total(terms, states.counts, windows, batch), _total(ends, windows.valid, windows, batch)
+) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"], Float[Tensor, " B"]]:
+    """The state, ahead and stop terms of each trajectory at `z`; in each window the decoder starts without memory."""
+    states = predicted_states(model, batch, z, windows)
+    following = _log_likelihood(states.following, windows, batch)
+    ahead = torch.zeros_like(following) if states.ahead is None else _log_likelihood(states.ahead, windows, batch)
+    return following, ahead, _total(states.ends, windows.valid, windows, batch)
+
+
+def _log_likelihood(predicted: Predicted, windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:
+    return _total(predicted.law.log_prob(predicted.values), predicted.counts, windows, batch)
 
 
 def _total(terms: Tensor, where: Tensor, windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:
@@ -130,7 +164,8 @@ def log_likelihood(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"], Float[Tensor, " B"]]:
     """Policy, state and stop terms of each trajectory at `z`, with both decoders in the same windows."""
-    return policy_log_likelihood(model, batch, z, windows), *state_log_likelihood(model, batch, z, windows)
+    state, _, stop = state_log_likelihood(model, batch, z, windows)
+    return policy_log_likelihood(model, batch, z, windows), state, stop
 
 
 def elbo(model: TrajectoryVAE, batch: TrajectoryBatch, *, policy: Windows, state: Windows) -> Elbo:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
@@ -28,6 +28,7 @@ from tvae.model.encoder import Encoder, NoEncoder
 from tvae.model.events import Events
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.model.perception import NoPerception, Perception
+from tvae.model.ranks import Ranks
 from tvae.model.schema import SCHEMA_VERSION, read_description
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk
 from tvae.pretrained import pretrained_directory
@@ -64,6 +65,7 @@ class TrajectoryVAE(nn.Module):
             without it they see the LSTM's output alone, as in the paper (`PlainTrunk`).
         events: whether binary actions are sparse events (`tvae.model.events`); without it they are a Bernoulli in
             every step.
+        horizon: how many steps ahead the state decoder says where things are, beside the next; 1 for the next alone.
         dynamics: whether the state decoder reads the actions, p(s_t+1 | s_1:t, a_1:t, z), and says what an action
             leads to; without them it says what happens for that z, whatever is done.
 
@@ -93,12 +95,14 @@ class TrajectoryVAE(nn.Module):
         action_floor: float = 0.02,
         encode_actions: bool = True,
         reactive: bool = True,
+        horizon: int = 1,
         dynamics: bool = False,
         events: bool = True,
     ) -> None:
         super().__init__()
-        if window is not None and window < 1:
-            raise ValueError(f"window must be at least 1 step, got {window}")
+        for name, steps in (("window", window), ("horizon", horizon)):
+            if steps is not None and steps < 1:
+                raise ValueError(f"{name} must be at least 1 step, got {steps}")
         self.observation_space = observation_space
         self.action_space = action_space
         self.latent_features = latent_features
@@ -119,6 +123,7 @@ class TrajectoryVAE(nn.Module):
             "action_floor": action_floor,
             "encode_actions": encode_actions,
             "reactive": reactive,
+            "horizon": horizon,
             "dynamics": dynamics,
             "events": events,
         }
@@ -126,8 +131,15 @@ class TrajectoryVAE(nn.Module):
         self.observation_normalizer = Normalizer(observation_space)
         self.action_normalizer = Normalizer(action_space)
         states, actions = observation_space.num_features, action_space.num_features
+        self.ranks = Ranks(observation_space)
         self.encoder = (
-            Encoder(states + (actions if encode_actions else 0), latent_features, hidden_features, dropout)
+            Encoder(
+                states + self.ranks.num_features + (actions if encode_actions else 0),
+                latent_features,
+                hidden_features,
+                dropout,
+                summary_features=self.ranks.num_areas,
+            )
             if latent_features
             else NoEncoder()
         )
@@ -147,6 +159,7 @@ class TrajectoryVAE(nn.Module):
             floor=state_floor,
             stop=stop,
             num_components=state_components,
+            horizon=horizon,
         )
         self.policy_decoder = PolicyDecoder(
             action_space,
@@ -183,18 +196,31 @@ class TrajectoryVAE(nn.Module):
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):
             normalizer.load_state_dict(Normalizer.fit(normalizer.space, rows).state_dict())
         self.perception.fit(observations)
+        self.ranks.fit(demonstrations)
         of_values, of_features = typical_changes(self.observation_normalizer, demonstrations)
         self.state_decoder.head.unit.copy_(of_values)
+        if self.state_decoder.ahead is not None:
+            further, _ = typical_changes(self.observation_normalizer, demonstrations, self.state_decoder.horizon)
+            self.state_decoder.ahead.unit.copy_(further)
         for decoder in (self.state_decoder, self.policy_decoder):
             decoder.trunk.unit[: len(of_features)].copy_(of_features)
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | tau) of each trajectory of the batch, batch shape (B, Z)."""
-        states = self.observation_normalizer.features(self.observation_normalizer.values(batch.observations))
-        if not self.encode_actions:
-            return self.encoder(states, batch.lengths)
-        actions = self.action_normalizer.features(self.action_normalizer.values(batch.actions))
-        return self.encoder(torch.cat([states, actions], dim=-1), batch.lengths)
+        return self.encoder(*self.encoder_inputs(batch))
+
+    def encoder_inputs(
+        self, batch: TrajectoryBatch
+    ) -> tuple[Float[Tensor, "B T F"], Int[Tensor, " B"], Float[Tensor, "B S"] | None]:
+        """What the encoder reads: features of states, ranks and actions at each step, lengths, areas."""
+        read = [self.observation_normalizer.features(self.observation_normalizer.values(batch.observations))]
+        areas = None
+        if self.ranks.num_features:
+            read.append(self.ranks(batch.observations))
+            areas = self.ranks.areas(read[-1], batch.mask)
+        if self.encode_actions:
+            read.append(self.action_normalizer.features(self.action_normalizer.values(batch.actions)))
+        return torch.cat(read, dim=-1), batch.lengths, areas
 
     def policy_decoder_inputs(
         self, observations: Float[Tensor, "*batch O"], done: Float[Tensor, "*batch N"]

@@ -30,10 +30,12 @@ class Terms:
     state: float
     stop: float
     kl: float
+    ahead: float = 0.0
+    """0 for a horizon of 1"""
 
     def value(self, beta: float, state_weight: float = 1.0) -> float:
         """The bound with the divergence weighted by `beta` and the state term by `state_weight`."""
-        return self.policy + state_weight * self.state + self.stop - beta * self.kl
+        return self.policy + state_weight * self.state + self.ahead + self.stop - beta * self.kl
 
 
 @dataclass(frozen=True)

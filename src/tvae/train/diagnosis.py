@@ -25,7 +25,7 @@ def diagnose(model: TrajectoryVAE, progress: Progress, state_weight: float) -> N
             TrainingWarning,
             stacklevel=3,
         )
-    before, after = (terms.policy + state_weight * terms.state for terms in (first, kept))
+    before, after = (terms.policy + state_weight * terms.state + terms.ahead for terms in (first, kept))
     if after <= before:
         warnings.warn(
             "nothing was learnt: held-out likelihood is no better than before training "

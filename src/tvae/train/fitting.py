@@ -29,6 +29,7 @@ def fit(
     prior_components: int = 4,
     encode_actions: bool = True,
     reactive: bool = True,
+    horizon: int = 1,
     dynamics: bool = False,
     events: bool = True,
     schedule: KLSchedule = RAISED,
@@ -68,6 +69,7 @@ def fit(
         prior_components=prior_components,
         encode_actions=encode_actions,
         reactive=reactive,
+        horizon=horizon,
         dynamics=dynamics,
         events=events,
     )

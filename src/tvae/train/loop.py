@@ -241,12 +241,12 @@ def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size
 
 
 def _mean(terms: Elbo) -> Terms:
-    means = torch.stack([terms.policy, terms.state, terms.stop, terms.kl]).mean(1).tolist()
+    means = torch.stack([terms.policy, terms.state, terms.stop, terms.kl, terms.ahead]).mean(1).tolist()
     return Terms(*means)
 
 
 def _average(terms: list[Terms]) -> Terms:
-    return Terms(*np.mean([(t.policy, t.state, t.stop, t.kl) for t in terms], axis=0).tolist())
+    return Terms(*np.mean([(t.policy, t.state, t.stop, t.kl, t.ahead) for t in terms], axis=0).tolist())
 
 
 def _copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
