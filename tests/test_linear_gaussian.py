@@ -178,7 +178,7 @@ class Known(nn.Module):
         super().__init__()
         self.posterior = posterior
 
-    def forward(self, sequence: Tensor, lengths: Tensor) -> Normal:
+    def forward(self, sequence: Tensor, lengths: Tensor, summary: Tensor | None = None) -> Normal:
         return self.posterior
 
 
