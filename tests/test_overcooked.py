@@ -16,7 +16,14 @@ from gymnasium.utils.env_checker import check_env
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError, Trajectory
-from tvae.envs.overcooked import ACTIONS, SOUP_REWARD, OvercookedEnv, net_laps, overcooked_demonstrations
+from tvae.envs.overcooked import (
+    ACTIONS,
+    SOUP_REWARD,
+    OvercookedEnv,
+    net_laps,
+    overcooked_demonstrations,
+    with_seats_exchanged,
+)
 from tvae.envs.overcooked_features import DIRECTIONS, FRONT, HELD, LAYOUTS, POT, WAYS, Features
 from tvae.rollouts import rollout
 from tvae.spaces import Categorical
@@ -300,3 +307,17 @@ def test_importing_tvae_loads_no_simulator():
     code = "import sys, tvae; print(*{'overcooked', 'gym_pusht', 'pygame', 'pymunk', 'shapely'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
+
+
+def test_games_with_the_seats_exchanged(ring):
+    both = with_seats_exchanged(ring)
+    assert len(both) == 2 * len(ring)
+    first, exchanged = ring[0], both[len(ring)]
+    names = ring.observation_space.names
+    for name, other in (("x_0", "x_1"), ("held_1", "held_0"), ("onion_way_0", "onion_way_1"), ("pot_0", "pot_0")):
+        column, counterpart = names.index(name), names.index(other)
+        np.testing.assert_array_equal(exchanged.observations[:, column], first.observations[:, counterpart])
+    np.testing.assert_array_equal(exchanged.actions, first.actions[:, ::-1])
+    np.testing.assert_allclose(net_laps(both)[len(ring) :], net_laps(ring))
+    assert both.attributes["pair"][len(ring)] == ring.attributes["pair"][0]
+    np.testing.assert_array_equal(both[len(ring)].steps["reward"], first.steps["reward"])

@@ -14,6 +14,7 @@ import gzip
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,49 @@ def _replay(game: dict[str, Any], episode: int, surroundings: bool) -> Trajector
             "split": game["split"],
         },
     )
+
+
+def with_seats_exchanged(games: Demonstrations) -> Demonstrations:
+    """All games twice, the second time with the two players exchanged: who is called player 0 means nothing.
+
+    Exchanged are all signals whose names end in `_0` and `_1` but the pots', in observations and actions. A further
+    attribute `exchanged` says which games are; those have the attribute `episode` of the game that they come from.
+
+    >>> from tvae.spaces import Space
+    >>> space = Space((Categorical("x_0", (1, 2, 3)), Categorical("x_1", (1, 2, 3))))
+    >>> moves = Space(tuple(Categorical(name, ACTIONS) for name in PLAYERS))
+    >>> walk = Trajectory(np.array([[0.0, 2.0]] * 2), np.array([[4.0, 5.0]]))
+    >>> both = with_seats_exchanged(Demonstrations.from_trajectories([walk], space, moves))
+    >>> both[1].observations[0].tolist(), both[1].actions[0].tolist(), both.attributes["exchanged"].tolist()
+    ([2.0, 0.0], [5.0, 4.0], [False, True])
+    """
+    seen, done = (_other_seats(space) for space in (games.observation_space, games.action_space))
+    recorded = list(games)
+    return Demonstrations.from_trajectories(
+        [
+            *(replace(game, attributes={**game.attributes, "exchanged": False}) for game in recorded),
+            *(
+                replace(
+                    game,
+                    observations=game.observations[:, seen],
+                    actions=game.actions[:, done],
+                    attributes={**game.attributes, "exchanged": True},
+                )
+                for game in recorded
+            ),
+        ],
+        games.observation_space,
+        games.action_space,
+    )
+
+
+def _other_seats(space: Space) -> list[int]:
+    """For each column the one that is the other player's."""
+    others = {"0": "1", "1": "0"}
+    return [
+        space.column(name[:-1] + others[name[-1]]) if name[-2:] in {"_0", "_1"} and name[:-2] != "pot" else column
+        for column, name in enumerate(space.names)
+    ]
 
 
 def net_laps(demonstrations: Demonstrations, centre: tuple[float, float] = (2.0, 2.0)) -> FloatArray:

@@ -1,0 +1,268 @@
+"""How people share the ring: what z says of whole pairs that the model has not seen, and bots that go their way.
+
+    pip install ".[overcooked]"
+    python scripts/overcooked_laps.py --out results/overcooked
+
+With the configuration of `tvae demo overcooked`, but trained to the end on all that a fold has, since nothing is held
+out beside it:
+
+- seven folds leave two or three whole pairs out, an eighth the only pair that goes round counter-clockwise. Encoder,
+  styles and probe see the others alone. Measured on the segments of 200 steps that are left out: R2 of a ridge
+  regression that tells net laps from the mean of z, and from a sample of it, its penalty chosen by leaving pairs of the
+  training out; and the adjusted Rand index of the found styles, each called what most of its training segments do,
+  against what the segments do (clockwise, counter-clockwise, or none where net laps are below 2 either way);
+- a model of all pairs; 100 games of 400 steps of the bot of each style, sampled actions, alone and `Restless`: net laps
+  and soups, beside those of the people of that style.
+
+Each part is a file under OUT/parts and skipped when it is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.vector import SyncVectorEnv
+from numpy.typing import NDArray
+from sklearn.linear_model import RidgeCV
+from sklearn.metrics import adjusted_rand_score, r2_score
+from sklearn.model_selection import LeaveOneGroupOut
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from tvae.config import RunConfig
+from tvae.data.demonstrations import Demonstrations
+from tvae.envs.overcooked import OvercookedEnv, net_laps
+from tvae.evaluate.encoding import encode
+from tvae.evaluate.likelihood import mean_interval
+from tvae.evaluate.playstyles import Playstyles, find_playstyles
+from tvae.experiments.fitting import schedule_of
+from tvae.experiments.tasks import overcooked
+from tvae.files import appearing
+from tvae.generate.closed_loop import LatentPolicy
+from tvae.generate.restless import Restless
+from tvae.model.tvae import TrajectoryVAE
+from tvae.rollouts import Policy, rollout
+from tvae.spaces import FloatArray, IntArray
+from tvae.train.fitting import new_model
+from tvae.train.loop import train
+
+ALONE = "19"
+"""The only pair that goes round counter-clockwise."""
+FOLDS = 7
+NAMES = {1: "clockwise", -1: "counter-clockwise", 0: "none"}
+PENALTIES = np.logspace(-1, 3, 9)
+GAMES, STEPS, LAPS = 100, 400, 4
+
+
+def does(laps: FloatArray) -> IntArray:
+    """1 clockwise, -1 counter-clockwise, 0 for fewer than 2 net laps."""
+    return np.where(np.abs(laps) < 2, 0, np.sign(laps)).astype(np.int64)
+
+
+def of_pairs(demonstrations: Demonstrations, pairs: Sequence[str], *, left_out: bool) -> Demonstrations:
+    """The episodes of these pairs, or of all others."""
+    theirs = np.isin(demonstrations.attributes["pair"].astype(str), pairs)
+    return demonstrations.select(np.flatnonzero(theirs == left_out))
+
+
+def judged(demonstrations: Demonstrations) -> Demonstrations:
+    """Segments that neither overlap nor come twice: what is measured."""
+    once = ~demonstrations.attributes["exchanged"] & (demonstrations.attributes["segment"] % 4 == 0)
+    return demonstrations.select(np.flatnonzero(once))
+
+
+def fitted(demonstrations: Demonstrations, config: RunConfig) -> TrajectoryVAE:
+    """The model of a configuration, trained to the end on all of the demonstrations."""
+    settings = config.training
+    model = new_model(demonstrations, seed=config.seed, device="cpu", **vars(config.model))
+    train(
+        model,
+        demonstrations,
+        judged(demonstrations),
+        schedule=schedule_of(settings),
+        num_steps=settings.num_steps,
+        batch_size=settings.batch_size,
+        learning_rate=settings.learning_rate,
+        state_weight=settings.state_weight,
+        evaluate_every=settings.num_steps,
+        seed=config.seed,
+    )
+    return model
+
+
+def told(known: FloatArray, laps: FloatArray, pairs: NDArray[Any], asked: FloatArray) -> FloatArray:
+    """Net laps told from z by ridge regression."""
+    folds = list(LeaveOneGroupOut().split(known, laps, pairs))
+    found: FloatArray = make_pipeline(StandardScaler(), RidgeCV(PENALTIES, cv=folds)).fit(known, laps).predict(asked)
+    return found
+
+
+def names_of(playstyles: Playstyles, laps: FloatArray) -> list[int]:
+    """What most of the segments of each style do."""
+    labels = does(laps)
+    return [
+        int(np.bincount(labels[playstyles.assignment == style.index] + 1, minlength=3).argmax()) - 1
+        for style in playstyles.styles
+    ]
+
+
+def fold(pairs: list[str], *, seed: int) -> dict[str, Any]:
+    """What a model and a probe that have not seen these pairs say of them."""
+    recipe = overcooked(None, seed)
+    demonstrations = recipe.demonstrations()
+    seen, others = (of_pairs(demonstrations, pairs, left_out=left_out) for left_out in (False, True))
+    model = fitted(seen, recipe.config)
+    training, test = judged(seen), judged(others)
+    known, asked, random = encode(model, training), encode(model, test), np.random.default_rng(seed)
+    laps, groups = net_laps(training), training.attributes["pair"]
+    playstyles = find_playstyles(known, seed=seed)
+    names, (style, _) = names_of(playstyles, laps), playstyles.assign(asked)
+    return {
+        "pairs": pairs,
+        "laps": net_laps(test).tolist(),
+        "from_mean": told(known.means, laps, groups, asked.means).tolist(),
+        "from_sample": told(known.sample(random), laps, groups, asked.sample(random)).tolist(),
+        "named": [names[index] for index in style],
+        "styles": [NAMES[name] for name in names],
+        "kl": float(known_kl(model, training)),
+    }
+
+
+@torch.no_grad()
+def known_kl(model: TrajectoryVAE, demonstrations: Demonstrations) -> float:
+    """Mean nats that z holds of an episode."""
+    known = encode(model, demonstrations)
+    squares = known.means**2 + known.scales**2 - 1 - 2 * np.log(known.scales)
+    return 0.5 * float(squares.sum(1).mean())
+
+
+def soups(episodes: Demonstrations) -> FloatArray:
+    """(E,) delivered in each episode."""
+    return np.array([episode.steps["reward"].sum() / 20 for episode in episodes])
+
+
+def bots(*, seed: int) -> dict[str, Any]:
+    """Games of the bot of each style of a model of all pairs."""
+    recipe = overcooked(None, seed)
+    demonstrations = recipe.demonstrations()
+    model = fitted(demonstrations, recipe.config)
+    people = judged(demonstrations)
+    playstyles = find_playstyles(encode(model, people), seed=seed)
+    found = []
+    for style, name in zip(playstyles.styles, names_of(playstyles, net_laps(people)), strict=True):
+        theirs = people.select(np.flatnonzero(playstyles.assignment == style.index))
+        policy = LatentPolicy(model, style)
+        found.append(
+            {
+                "style": style.name,
+                "does": NAMES[name],
+                "segments": len(theirs),
+                "restless": games(Restless(policy, demonstrations), name, theirs, seed),
+                "alone": games(policy, name, theirs, seed),
+            }
+        )
+    return {"styles": found}
+
+
+def beside(bot: FloatArray, people: FloatArray, segments: Demonstrations) -> dict[str, Any]:
+    """The mean of a bot's games with its interval, and what people of its style do in as many steps."""
+    low, high = mean_interval(bot)
+    return {
+        "mean": float(bot.mean()),
+        "ci95": [low, high],
+        "people": float(people.sum() * STEPS / segments.lengths.sum()),
+    }
+
+
+def games(policy: Policy, name: int, theirs: Demonstrations, seed: int) -> dict[str, Any]:
+    """What comes of games of a bot that is to do this, beside the people of its style."""
+    options = {"layout": "coordination_ring", "horizon": STEPS, "surroundings": False}
+    envs = SyncVectorEnv([partial(OvercookedEnv, **options)] * 50)
+    try:
+        episodes = rollout(envs, policy, GAMES, seed=seed)
+    finally:
+        envs.close()
+    laps = net_laps(episodes)
+    reached = np.abs(laps) < LAPS if name == 0 else name * laps >= LAPS
+    return {
+        "as_asked": float(reached.mean()),
+        "laps": beside(laps, net_laps(theirs), theirs),
+        "soups": beside(soups(episodes), soups(theirs), theirs),
+    }
+
+
+def part(path: Path, pairs: list[str] | None, seed: int) -> None:
+    """One fold, or the bots, into a file; nothing where it is there."""
+    if path.exists():
+        return
+    torch.set_num_threads(1)
+    found = bots(seed=seed) if pairs is None else fold(pairs, seed=seed)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with appearing(path) as partial_path:
+        partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(path, flush=True)
+
+
+def summary(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The numbers of all folds together, and those of the pair that is alone apart."""
+    found: dict[str, Any] = {}
+    for name, chosen in (
+        ("left_out", [fold for fold in parts.values() if "pairs" in fold and fold["pairs"] != [ALONE]]),
+        ("counter_clockwise", [fold for fold in parts.values() if fold.get("pairs") == [ALONE]]),
+    ):
+        laps, mean, sample, named = (
+            np.concatenate([fold[key] for fold in chosen]) for key in ("laps", "from_mean", "from_sample", "named")
+        )
+        found[name] = {
+            "segments": len(laps),
+            "kl": float(np.mean([fold["kl"] for fold in chosen])),
+            "root_mean_square_error": float(np.sqrt(np.mean((mean - laps) ** 2))),
+            "named_rightly": float((named == does(laps)).mean()),
+        }
+        if name == "left_out":
+            found[name] |= {
+                "r2_mean": float(r2_score(laps, mean)),
+                "r2_sample": float(r2_score(laps, sample)),
+                "ari": float(adjusted_rand_score(does(laps), named)),
+            }
+    return found
+
+
+def main() -> None:
+    """All parts that are not there yet, then their numbers."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("results/overcooked"))
+    parser.add_argument("--jobs", type=int, default=2, help="processes, one core each")
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    pairs = sorted({str(pair) for pair in overcooked(None, 0).demonstrations().attributes["pair"]} - {ALONE}, key=int)
+    shuffled = np.random.default_rng(7).permutation(pairs)
+    folds = {"fold-0": [ALONE]} | {
+        f"fold-{index + 1}": [str(pair) for pair in some] for index, some in enumerate(np.array_split(shuffled, FOLDS))
+    }
+    home = asked.out / "parts" / f"seed-{asked.seed}"
+    with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as workers:
+        waiting = [
+            workers.submit(part, home / f"{name}.json", some, asked.seed)
+            for name, some in [("bots", None), *folds.items()]
+        ]
+        for done in waiting:
+            done.result()
+    parts = {name: json.loads((home / f"{name}.json").read_text(encoding="utf-8")) for name in ("bots", *folds)}
+    found = {**summary(parts), "bots": parts["bots"]["styles"]}
+    with appearing(asked.out / "metrics.json", overwrite=True) as partial_path:
+        partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()
