@@ -47,7 +47,7 @@ class Restless:
         self._effective = np.concatenate(effective)
         if not len(self._effective):
             raise DataError("what ends a rest needs demonstrations in which something changes, got none")
-        self.longest_rest = int(np.quantile(np.concatenate(rests), _RARE))
+        self.longest_rest = int(np.quantile(np.concatenate(rests), _RARE, method="higher"))
         """Steps without any change that are not yet too many."""
 
     def reset(self, num_episodes: int, seed: int) -> None:
