@@ -11,8 +11,8 @@ out beside it:
   regression that tells net laps from the mean of z, and from a sample of it, its penalty chosen by leaving pairs of the
   training out; and the adjusted Rand index of the found styles, each called what most of its training segments do,
   against what the segments do (clockwise, counter-clockwise, or none where net laps are below 2 either way);
-- a model of all pairs; 100 games of 400 steps of the bot of each style, sampled actions, alone and `Restless`: net laps
-  and soups, beside those of the people of that style.
+- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do, sampled actions, alone and
+  `Restless`: net laps and soups, beside those of the people of these styles.
 
 Each part is a file under OUT/parts and skipped when it is there.
 """
@@ -23,6 +23,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -150,27 +151,41 @@ def soups(episodes: Demonstrations) -> FloatArray:
     return np.array([episode.steps["reward"].sum() / 20 for episode in episodes])
 
 
+@dataclass(frozen=True)
+class Together:
+    """The found styles that do the same, as one: an episode's z comes from one of them, as often as its people play."""
+
+    styles: Sequence[Style]
+
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count, Z)"""
+        weights = np.array([style.weight for style in self.styles])
+        chosen = rng.choice(len(self.styles), size=count, p=weights / weights.sum())
+        drawn = np.stack([style.sample(count, rng) for style in self.styles])
+        found: FloatArray = drawn[chosen, np.arange(count)]
+        return found
+
+
 def bots(*, seed: int) -> dict[str, Any]:
-    """Games of the bot of each style of a model of all pairs."""
+    """Games of the bots of a model of all pairs, one for each thing that the found styles do."""
     recipe = overcooked(None, seed)
     demonstrations = recipe.demonstrations()
     model = fitted(demonstrations, recipe.config)
     people = judged(demonstrations)
     playstyles = find_playstyles(encode(model, people), seed=seed)
-    found = []
-    for style, name in zip(playstyles.styles, names_of(playstyles, net_laps(people)), strict=True):
-        theirs = people.select(np.flatnonzero(playstyles.assignment == style.index))
-        policy = LatentPolicy(model, style)
-        found.append(
-            {
-                "style": style.name,
-                "does": NAMES[name],
-                "segments": len(theirs),
-                "restless": games(Restless(policy, demonstrations), name, theirs, seed),
-                "alone": games(policy, name, theirs, seed),
-            }
-        )
-    return {"styles": found}
+    names = np.array(names_of(playstyles, net_laps(people)))
+    found: dict[str, Any] = {}
+    for name in sorted(set(names.tolist()), reverse=True):
+        styles = [style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this]
+        theirs = people.select(np.flatnonzero(names[playstyles.assignment] == name))
+        policy = LatentPolicy(model, Together(styles))
+        found[NAMES[name]] = {
+            "styles": len(styles),
+            "segments": len(theirs),
+            "restless": games(Restless(policy, demonstrations), name, theirs, seed),
+            "alone": games(policy, name, theirs, seed),
+        }
+    return found
 
 
 def beside(bot: FloatArray, people: FloatArray, segments: Demonstrations) -> dict[str, Any]:
@@ -185,8 +200,7 @@ def beside(bot: FloatArray, people: FloatArray, segments: Demonstrations) -> dic
 
 def games(policy: Policy, name: int, theirs: Demonstrations, seed: int) -> dict[str, Any]:
     """What comes of games of a bot that is to do this, beside the people of its style."""
-    options = {"layout": "coordination_ring", "horizon": STEPS, "surroundings": False}
-    envs = SyncVectorEnv([partial(OvercookedEnv, **options)] * 50)
+    envs = SyncVectorEnv([partial(OvercookedEnv, "coordination_ring", STEPS, surroundings=False)] * 50)
     try:
         episodes = rollout(envs, policy, GAMES, seed=seed)
     finally:
@@ -258,7 +272,7 @@ def main() -> None:
         for done in waiting:
             done.result()
     parts = {name: json.loads((home / f"{name}.json").read_text(encoding="utf-8")) for name in ("bots", *folds)}
-    found = {**summary(parts), "bots": parts["bots"]["styles"]}
+    found = {**summary(parts), "bots": parts["bots"]}
     with appearing(asked.out / "metrics.json", overwrite=True) as partial_path:
         partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(json.dumps(found, indent=1))
