@@ -44,7 +44,8 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.envs.overcooked import OvercookedEnv, net_laps
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.likelihood import mean_interval
-from tvae.evaluate.playstyles import Playstyles, find_playstyles
+from tvae.evaluate.playstyles import find_playstyles
+from tvae.evaluate.styles import Playstyles, Style
 from tvae.experiments.fitting import schedule_of
 from tvae.experiments.tasks import overcooked
 from tvae.files import appearing
