@@ -47,8 +47,10 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
     if summary.steps:
         CONSOLE.print(f"further columns: {', '.join(summary.steps)}", highlight=False, markup=False)
     if out is not None:
-        save(draw_overview(demonstrations), out / "overview")
-        CONSOLE.print(f"pictures: {out / 'overview.png'}", highlight=False, markup=False)
+        overview = draw_overview(demonstrations)
+        save(overview, out / "overview")
+        shown = f" shows {overview.get_suptitle()}" if overview.get_suptitle() else ""
+        CONSOLE.print(f"pictures: {out / 'overview.png'}{shown}", highlight=False, markup=False)
 
 
 def validate(data: str, *, columns: Columns = COLUMNS) -> None:

@@ -68,18 +68,18 @@ def examine(
     """
     own = arranged(raw.table, raw.schema, preparation, observation_space)
     kinds, issues = named_kinds(kinds, own.table.column_names, own.recorded)
-    issues = [*own.issues, *_layout_issues(raw.table, own, preparation), *issues]
+    issues = [*_layout_issues(raw.table, own, preparation), *issues]
     names = own.table.column_names
     if len(set(names)) < len(names) or raw.table.num_rows == 0:
         found = Examined(None, tuple(issues))
     else:
         table = pa.table([plain(column) for column in own.table.columns], names=names)
         own = replace(own, table=without_nulls(table, preparation.nulls) if preparation.nulls else table)
-        if issues:
+        if own.issues or issues:
             found = Examined(None, (*issues, *column_issues(own.table, kinds, own.schema)))
         else:
             found = _examined(own.table, own.schema, kinds, preparation, observation_space, action_space)
-    issues = [*raw.issues, *map(own.as_recorded, found.issues)]
+    issues = [*raw.issues, *own.issues, *map(own.as_recorded, found.issues)]
     return Examined(None if issues else found.demonstrations, tuple(issues))
 
 
