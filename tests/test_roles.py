@@ -129,6 +129,10 @@ def test_a_table_that_we_wrote_needs_no_roles(tmp_path: Path) -> None:
     kept = ours.load()
     assert kept.action_space == read(ROLES).action_space
     assert kept.observation_space.names == ("hp", "pos.x")
+    chosen = Source(str(tmp_path / "ours.parquet"), Reading("match", "t", only=("observation.hp", "action"))).load()
+    assert chosen.observation_space.names == ("hp",)
+    issues = validate(pa.table(COLUMNS).slice(0, 0), preparation=Preparation(roles=ROLES))
+    assert issues[-1].message == "needs at least one row, got none"
 
 
 def test_text_among_the_numbers_of_many_files(tmp_path: Path) -> None:

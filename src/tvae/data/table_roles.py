@@ -81,7 +81,7 @@ def _may_be_seen(table: pa.Table, name: str, identity: Sequence[str]) -> bool:
     keys = [plain(table[key]) for key in identity]
     together = pa.table([*keys, values], names=[*(f"key {at}" for at in range(len(keys))), "value"])
     counts = together.group_by(together.column_names[:-1]).aggregate([("value", "count_distinct")])
-    return bool(pc.max(counts["value_count_distinct"]).as_py() > 1)
+    return bool((pc.max(counts["value_count_distinct"]).as_py() or 0) > 1)
 
 
 def named_kinds(

@@ -49,7 +49,10 @@ def open_table(source: DataSource, preparation: Preparation = AS_RECORDED) -> Ra
     """
     try:
         raw = _opened(source, preparation)
-        return raw.only(preparation.columns, preparation.needed) if raw is not None and preparation.columns else raw
+        if raw is None or not preparation.columns:
+            return raw
+        ours = () if raw.schema is None else ("episode", "step")
+        return raw.only(preparation.columns, (*preparation.needed, *ours))
     except DataError as error:
         name = title(source)
         raise error if str(error).startswith(name) else DataError(f"{name}: {error}") from None
