@@ -141,8 +141,8 @@ def test_segments_by_a_column_joined_are_the_recordings(kept: Demonstrations, se
 
 
 def test_columns_that_cut_nothing() -> None:
-    with pytest.raises(DataError, match=r"no column 'x' to cut by; there are: observation\.x, action\.go, level, goal"):
-        segment_by_column(levels(), "x")
+    with pytest.raises(DataError, match=r"no column 'z' to cut by; there are: observation\.x, action\.go, level, goal"):
+        segment_by_column(levels(), "z")
     with pytest.raises(DataError, match="column level: an event needs to be true or false, got 'one'"):
         segment_at_event(levels(), "level")
     with pytest.raises(DataError, match=r"column observation\.x: an event needs to be true or false, got 2\.0"):

@@ -103,7 +103,7 @@ def test_columns_that_are_read(tmp_path: Path) -> None:
         assert kept.attributes.keys() == {"episode"}
         assert kept.steps == {}
     assert kept.action_space.signals == (Angular("heading"),)
-    with pytest.raises(DataError, match=r"^Table: column observation\.y was asked for, but there are only episode, st"):
+    with pytest.raises(DataError, match=r"^Table: no column is called 'observation\.y'; perhaps observation\.x or"):
         load_demonstrations(pa.table(COLUMNS), preparation=Preparation(columns=("observation.y",)))
 
 

@@ -417,7 +417,7 @@ def test_the_first_problem_says_that_there_are_more(tmp_path: Path) -> None:
             {"angular": ["observation.y"]},
             "column observation.y: was given a kind, but is no column of a signal",
         ),
-        ({"angular": ["x"]}, "column x: was given a kind, but is no column"),
+        ({"angular": ["y"]}, "column y: was given a kind, but is no column of a signal; these are: obs"),
         (
             {"angular": ["observation.room"]},
             "column observation.room: cannot be angular: needs numbers, got string",

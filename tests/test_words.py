@@ -165,7 +165,9 @@ def test_many_episodes_are_tested_by_a_part(zombies, styles, monkeypatch):
         "attack happens 1.0 times an episode against 0.0 (d > 10)",
         "attack happens 0.0 times an episode against 1.0 (d < -10)",
     ]
-    assert words._evenly(np.arange(100)).tolist() == list(range(0, 100, 5))
+    monkeypatch.setattr(words, "MOST_TOLD", 20)
+    assert {said[0][:14] for said in describe(zombies, styles).values()} == {"attack happens"}
+    assert words._evenly(np.arange(100), 20).tolist() == list(range(0, 100, 5))
 
 
 def test_a_rare_style_among_many():

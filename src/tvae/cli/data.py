@@ -12,6 +12,7 @@ from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import summarise
 from tvae.data.validation import validate as find_issues
+from tvae.experiments.remedies import options_for
 from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
 from tvae.experiments.tasks import TASKS
@@ -38,18 +39,24 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
         f"the observation after the last action is known in {summary.num_final_observed}"
     )
     CONSOLE.print(signals_table(summary))
+    if columns.left_over is not None:
+        CONSOLE.print(columns.left_over, highlight=False)
     for attribute in summary.attributes:
         values = ", ".join(f"{value} ({count})" for value, count in attribute.counts[:8])
         CONSOLE.print(f"{attribute.name}: {attribute.num_values} values: {values}", highlight=False, markup=False)
     if summary.steps:
         CONSOLE.print(f"further columns: {', '.join(summary.steps)}", highlight=False, markup=False)
     if out is not None:
-        save(draw_overview(demonstrations), out / "overview")
-        CONSOLE.print(f"pictures: {out / 'overview.png'}", highlight=False, markup=False)
+        overview = draw_overview(demonstrations)
+        save(overview, out / "overview")
+        shown = f" shows {overview.get_suptitle()}" if overview.get_suptitle() else ""
+        CONSOLE.print(f"pictures: {out / 'overview.png'}{shown}", highlight=False, markup=False)
 
 
 def validate(data: str, *, columns: Columns = COLUMNS) -> None:
-    """List everything that is wrong with a table, with counts and first places. Exit status 1 if anything is.
+    """List everything that is wrong with a table, with counts, first places and the options that mend it.
+
+    Exit status 1 if anything is wrong.
 
     Parameters
     ----------
@@ -61,13 +68,19 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
         angular=columns.angular,
         continuous=columns.continuous,
         categorical=columns.categorical,
+        binary=columns.binary,
         preparation=columns.preparation,
     )
     for issue in issues:
         CONSOLE.print(f"- {escape(str(issue))}", highlight=False)
+        options = options_for(issue)
+        if options is not None:
+            CONSOLE.print(f"  {escape(options)}", style="cyan", highlight=False)
     if issues:
         sys.exit(1)
     CONSOLE.print(f"{data} is sound", markup=False)
+    if columns.left_over is not None:
+        CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False)
 
 
 def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = False) -> None:

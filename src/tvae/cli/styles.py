@@ -30,7 +30,7 @@ def styles(
     CONSOLE.print(opened.findings.playstyles.verdict)
     CONSOLE.print(styles_table(opened))
     if data is not None:
-        labelled = label(opened, data, out, overwrite=force)
+        labelled = label(opened, data, out, overwrite=force, console=CONSOLE)
         for style in opened.findings.playstyles.styles:
             share = (labelled == style.index).mean()
             CONSOLE.print(f"{opened.findings.name(style)}: {share:.0%} of the sessions in {data}")

@@ -66,6 +66,18 @@ def batch_of(demonstrations: Demonstrations, episodes: IntArray, device: torch.d
     )
 
 
+def evenly(demonstrations: Demonstrations, most_steps: int) -> Demonstrations:
+    """All episodes; of more than about `most_steps` steps, evenly spaced episodes that have about as many together.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> walks = from_arrays([np.zeros(4)] * 6, [np.ones(4)] * 6)
+    >>> len(evenly(walks, 100)), evenly(walks, 12).attributes["episode"].tolist()
+    (6, [0, 2, 4])
+    """
+    every = max(1, round(demonstrations.num_steps / most_steps))
+    return demonstrations if every == 1 else demonstrations.select(np.arange(0, len(demonstrations), every))
+
+
 def suitable_batch_size(lengths: IntArray) -> int:
     """How many trajectories of these lengths (E,) have 3,200 steps together; at least 32 and at most 64.
 

@@ -4,11 +4,11 @@
 |------------------------------------------|-------------|
 | floating point, decimal                  | continuous  |
 | boolean                                  | binary      |
-| text                                     | categorical |
+| text with at most 200 different values   | categorical |
 | integer with at most 20 different values | categorical |
 
-An integer column with more values has no kind until the user says which one: an identity and a count look
-alike.
+A column with more values has no kind until the user says which one: an identity and a count look alike, and so do a
+name and a category. Nor have more than 20 different numbers that are written as text.
 """
 
 from __future__ import annotations
@@ -21,10 +21,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from tvae.data.issues import Remedy
+from tvae.data.texts import no_numbers
 from tvae.data.trajectory import DataError
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal
 
 MOST_CATEGORIES = 20
+MOST_TEXTS = 200
 UNKNOWN_CATEGORY = -1.0
 """What `encode` gives a value that is none of the categories."""
 
@@ -32,19 +35,24 @@ UNKNOWN_CATEGORY = -1.0
 class KindError(ValueError):
     """A column that cannot be what it should be; the message continues "column x ..."."""
 
+    def __init__(self, message: str, remedy: Remedy | None = None) -> None:
+        super().__init__(message)
+        self.remedy = remedy
+
 
 def kinds_by_column(
-    angular: Iterable[str], continuous: Iterable[str], categorical: Iterable[str]
+    angular: Iterable[str], continuous: Iterable[str], categorical: Iterable[str], binary: Iterable[str]
 ) -> dict[str, type[Signal]]:
     """The kind that the user gave each of these columns.
 
     Raises `DataError` for a column that was given two.
 
-    >>> kinds_by_column(["observation.heading"], [], [])
+    >>> kinds_by_column(["observation.heading"], [], [], [])
     {'observation.heading': <class 'tvae.spaces.Angular'>}
     """
     kinds: dict[str, type[Signal]] = {}
-    for kind, columns in ((Angular, angular), (Continuous, continuous), (Categorical, categorical)):
+    given = ((Angular, angular), (Continuous, continuous), (Categorical, categorical), (Binary, binary))
+    for kind, columns in given:
         for column in columns:
             if kinds.setdefault(column, kind) is not kind:
                 raise DataError(f"column {column} needs one kind, got two")
@@ -92,19 +100,26 @@ def _suggested_kind(values: pa.ChunkedArray) -> type[Signal]:
         return Continuous
     if pa.types.is_boolean(kind):
         return Binary
-    if pa.types.is_string(kind):
-        return Categorical
-    if pa.types.is_integer(kind):
-        count = pc.count_distinct(values).as_py()
-        if count <= MOST_CATEGORIES:
-            return Categorical
-        raise KindError(
-            f"holds {count} different integers, more than {MOST_CATEGORIES}: "
-            "say whether it is continuous, angular or categorical"
-        )
     if pa.types.is_null(kind):
-        raise KindError("holds no values at all")
-    raise KindError(f"needs numbers, booleans or text, got {kind}")
+        raise KindError("holds no values at all", Remedy.IGNORE)
+    if not (pa.types.is_integer(kind) or pa.types.is_string(kind)):
+        raise KindError(f"needs numbers, booleans or text, got {kind}", Remedy.IGNORE)
+    count = pc.count_distinct(values).as_py()
+    if count <= MOST_CATEGORIES:
+        return Categorical
+    if pa.types.is_integer(kind) or not no_numbers(values).any():
+        what = "integers" if pa.types.is_integer(kind) else "numbers as text"
+        raise KindError(
+            f"holds {count} different {what}, more than {MOST_CATEGORIES}: "
+            "say whether it is continuous, angular or categorical",
+            Remedy.SAY_KIND,
+        )
+    if count > MOST_TEXTS:
+        raise KindError(
+            f"holds {count} different texts, more than {MOST_TEXTS}: say that it is categorical, or leave it out",
+            Remedy.SAY_CATEGORY_OR_IGNORE,
+        )
+    return Categorical
 
 
 def _whole(values: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -206,7 +221,7 @@ def facts(values: pa.ChunkedArray) -> NDArray[Any]:
     if pa.types.is_temporal(kind):
         values = values.cast(pa.string())
     elif not (_is_number(kind) or pa.types.is_string(kind) or pa.types.is_null(kind)):
-        raise KindError(f"needs numbers, booleans, text or times, got {kind}")
+        raise KindError(f"needs numbers, booleans, text or times, got {kind}", Remedy.IGNORE)
     if pa.types.is_string(values.type):
         coded = values.dictionary_encode().combine_chunks()
         texts: NDArray[Any] = np.array(coded.dictionary.to_pylist() or [""], dtype=np.str_)

@@ -11,21 +11,17 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from tvae.data.checks import attribute_values, check
 from tvae.data.growing import GrowingRows
+from tvae.data.packing import write_rows
+from tvae.data.ragged import blocks, ranges
 from tvae.data.trajectory import Attribute, DataError, Trajectory
 from tvae.files import appearing
 from tvae.spaces import FloatArray, IntArray, Space
 
 FORMAT_VERSION = 1
 HEADER_NAME = "demonstrations.json"
-_FLAT_ARRAYS = (
-    "observations",
-    "actions",
-    "observation_starts",
-    "action_starts",
-    "lengths",
-    "final_observed",
-)
+_BLOCK_ROWS = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,35 +205,57 @@ class Demonstrations(Sequence[Trajectory]):
             counts,
             np.array(final),
             {key: np.concatenate(parts) for key, parts in steps.items()},
-            {key: _attribute_values(key, values) for key, values in attributes.items()},
+            {key: attribute_values(key, values) for key, values in attributes.items()},
         )
 
     def write(self, directory: Path, *, overwrite: bool = False) -> None:
-        """Write the flat arrays to a directory that `open` maps into memory. It appears only when whole.
+        """Write the flat arrays to a directory that `open` maps into memory, few rows at a time.
 
-        Raises `FileExistsError` where it exists and `overwrite` is False, or holds something else.
+        It appears only when whole. Raises `DataError` as `from_trajectories` does, and `FileExistsError` where it
+        exists and `overwrite` is False, or holds something else.
         """
         if overwrite and directory.exists() and not (directory / HEADER_NAME).is_file():
             raise FileExistsError(f"{directory} exists already and holds no demonstrations")
-        packed = Demonstrations.from_trajectories(self, self.observation_space, self.action_space)
-        arrays = {
-            **{name: getattr(packed, name) for name in _FLAT_ARRAYS},
-            **{f"step_{index}": values for index, values in enumerate(packed.steps.values())},
-            **{f"attribute_{index}": values for index, values in enumerate(packed.attributes.values())},
+        if len(self) == 0:
+            raise DataError("demonstrations need at least one episode, got none")
+        self._check()
+        observed = self.lengths + self.final_observed
+        of_steps = {"actions": self.actions, **{f"step_{i}": values for i, values in enumerate(self.steps.values())}}
+        whole = {
+            "observation_starts": np.cumsum(observed) - observed,
+            "action_starts": np.cumsum(self.lengths) - self.lengths,
+            "lengths": self.lengths,
+            "final_observed": self.final_observed,
+            **{f"attribute_{index}": values for index, values in enumerate(self.attributes.values())},
         }
         header = {
             "format": "tvae-demonstrations",
             "version": FORMAT_VERSION,
-            "observation_space": packed.observation_space.to_json(),
-            "action_space": packed.action_space.to_json(),
-            "steps": list(packed.steps),
-            "attributes": list(packed.attributes),
+            "observation_space": self.observation_space.to_json(),
+            "action_space": self.action_space.to_json(),
+            "steps": list(self.steps),
+            "attributes": list(self.attributes),
         }
         with appearing(directory, overwrite=overwrite) as partial:
             partial.mkdir()
-            for name, values in arrays.items():
+            for name, values in whole.items():
                 np.save(partial / f"{name}.npy", values, allow_pickle=False)
+            write_rows(partial / "observations.npy", self.observations, self.observation_starts, observed)
+            for name, values in of_steps.items():
+                write_rows(partial / f"{name}.npy", values, self.action_starts, self.lengths)
             (partial / HEADER_NAME).write_text(json.dumps(header, indent=2), encoding="utf-8")
+
+    def _check(self) -> None:
+        """Raise `DataError` as `check` does, for the first episode of all."""
+        observed = self.lengths + self.final_observed
+        for part in blocks(observed, _BLOCK_ROWS):
+            seen = self.observations[ranges(self.observation_starts[part], observed[part])]
+            done = self.actions[ranges(self.action_starts[part], self.lengths[part])]
+            if self.observation_space.first_problem(seen) or self.action_space.first_problem(done):
+                for index in range(part.start, part.stop):
+                    episode = self[index]
+                    name = episode.attributes.get("episode", index)
+                    check(episode, self.observation_space, self.action_space, name)
 
     @classmethod
     def open(cls, directory: Path) -> Demonstrations:
@@ -273,31 +291,3 @@ class Demonstrations(Sequence[Trajectory]):
             raise
         except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
             raise DataError(f"{directory}: no whole set of demonstrations: {error}") from error
-
-
-def _attribute_values(name: str, values: list[Attribute]) -> NDArray[Any]:
-    """(E,) one value an episode; numbers and text do not mix."""
-    array = np.array(values)
-    mixed = array.dtype.kind == "U" and not all(isinstance(value, str) for value in values)
-    if array.dtype.kind not in "biufU" or mixed or array.ndim != 1:
-        kinds = ", ".join(sorted({type(value).__name__ for value in values}))
-        raise DataError(f"attribute {name!r} needs text, numbers or booleans, of one kind; got {kinds}")
-    return array
-
-
-def check(trajectory: Trajectory, observation_space: Space, action_space: Space, episode: Attribute) -> None:
-    """Raise `DataError` naming episode, step and column where a value does not fit its space."""
-    for what, space, rows in (
-        ("observation", observation_space, trajectory.observations),
-        ("action", action_space, trajectory.actions),
-    ):
-        if rows.shape[1] != space.num_columns:
-            raise DataError(
-                f"episode {episode}: {what}s need {space.num_columns} columns "
-                f"({', '.join(space.names)}), got {rows.shape[1]}"
-            )
-        problem = space.first_problem(rows)
-        if problem is not None:
-            raise DataError(
-                f"episode {episode}, step {problem.row}, column {what}.{problem.column}: {problem.message}"
-            )

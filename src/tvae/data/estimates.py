@@ -50,6 +50,28 @@ def interpolate(signal: Signal, at: FloatArray, times: FloatArray, values: Float
             return hold_last(signal, at, times, values)
 
 
+def in_turn(*rules: MissingRule) -> MissingRule:
+    """The first rule, and each later one where those before it have no value.
+
+    >>> from tvae.spaces import Continuous
+    >>> rule = in_turn(interpolate, hold_last)
+    >>> rule(Continuous("x"), np.array([1.5, 9.0]), np.array([1.0, 2.0]), np.array([3.0, 5.0])).tolist()
+    [4.0, 5.0]
+    """
+
+    def rule(signal: Signal, at: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray | None:
+        found = np.full(len(at), np.nan)
+        for one in rules:
+            left = np.isnan(found)
+            estimated = one(signal, at[left], times, values) if left.any() else found[left]
+            if estimated is None:
+                return None
+            found[left] = estimated
+        return found
+
+    return rule
+
+
 def drop_episode(signal: Signal, at: FloatArray, times: FloatArray, values: FloatArray) -> None:
     """Leave out every episode that lacks a value."""
 

@@ -2,7 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+
+
+class Remedy(Enum):
+    """What mends an issue, where something that the user may say does."""
+
+    NAME_EPISODE = auto()
+    NAME_STEP = auto()
+    NAME_ACTIONS = auto()
+    NAME_OBSERVATIONS = auto()
+    SAY_KIND = auto()
+    """Whether the column is a number, an angle or a category."""
+    SAY_CATEGORY_OR_IGNORE = auto()
+    SAY_TEXT_IS_MISSING = auto()
+    """Which texts stand for a missing value, or that the column is a category."""
+    FILL = auto()
+    """A rule for missing values."""
+    FILL_REST = auto()
+    """Another rule, for what the first has no value for."""
+    TELL_TIME = auto()
+    """That the column is a time and no number of a step."""
+    RESAMPLE = auto()
+    """A rule for uneven steps."""
+    TELL_PLAYERS_APART = auto()
+    IGNORE = auto()
 
 
 @dataclass(frozen=True)
@@ -18,6 +43,15 @@ class Issue:
     episode: int | str | None = None
     step: int | None = None
     count: int = 1
+    remedy: Remedy | None = field(default=None, compare=False)
+
+    def at(self, column: str) -> Issue:
+        """The same of a column that is called otherwise."""
+        return replace(self, column=column)
+
+    def mended_by(self, remedy: Remedy) -> Issue:
+        """The same with what mends it."""
+        return replace(self, remedy=remedy)
 
     def __str__(self) -> str:
         places = (("episode", self.episode), ("step", self.step), ("column", self.column))

@@ -25,7 +25,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from tvae.data.columns import plain
-from tvae.data.raw_table import RawTable, is_asked_for
+from tvae.data.names import is_asked_for
+from tvae.data.raw_table import RawTable
 from tvae.data.trajectory import DataError
 
 INFO_PATH = Path("meta/info.json")

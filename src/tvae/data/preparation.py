@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tvae.data.estimates import Estimate, MissingRule
+from tvae.data.roles import AS_NAMED, Roles
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,11 @@ class Preparation:
     """
 
     columns: tuple[str, ...] = ()
-    """Read these columns and those below them, such as `observation.state` or `action`; by default all."""
+    """Read these columns, those below them, such as all of `action`, or those of a pattern; by default all."""
+    roles: Roles = AS_NAMED
+    """Which column is what, where their names do not say so."""
+    nulls: tuple[str, ...] = ()
+    """Texts that stand for a missing value, such as `lost`."""
     player: str | None = None
     """Column of the player whose row it is. Each player's rows are an episode, called EPISODE/PLAYER; the fact
     `session` is what the column `episode` says."""
@@ -51,9 +56,10 @@ class Preparation:
 
     @property
     def needed(self) -> tuple[str, ...]:
-        """Columns that are read in any case."""
-        step = "step" if self.clock is None else self.clock.column
-        return ("episode", step) if self.player is None else ("episode", self.player, step)
+        """Columns that are read in any case, by their own names."""
+        episode = self.roles.episode or "episode"
+        step = self.roles.step or "step" if self.clock is None else self.clock.column
+        return (episode, step) if self.player is None else (episode, self.player, step)
 
 
 AS_RECORDED = Preparation()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import pyarrow as pa
 
 from tvae.data.issues import Issue
+from tvae.data.names import absent, is_named
 from tvae.data.table_schema import TableSchema
 from tvae.data.trajectory import DataError
 
@@ -33,28 +34,10 @@ class RawTable:
         """
         there = self.table.column_names
         for wanted in columns:
-            if not any(is_below(name, wanted) for name in there):
-                raise DataError(f"column {wanted} was asked for, but there are only {', '.join(there)}")
+            if not any(is_named(name, wanted) for name in there):
+                raise DataError(absent(wanted, there))
         names = [
-            name for name in there if name in needed or any(is_below(name, wanted) for wanted in columns)
+            name for name in there if name in needed or any(is_named(name, wanted) for wanted in columns)
         ]
         schema = None if self.schema is None else self.schema.only(names)
         return replace(self, table=self.table.select(names), schema=schema)
-
-
-def is_below(name: str, wanted: str) -> bool:
-    """Whether a column is the one that is wanted, or a part of it.
-
-    >>> is_below("observation.state.0", "observation.state"), is_below("actions", "action")
-    (True, False)
-    """
-    return name == wanted or name.startswith(f"{wanted}.")
-
-
-def is_asked_for(name: str, columns: Sequence[str]) -> bool:
-    """Whether a column, or a part of it, is among `columns`; without `columns` every one is.
-
-    >>> [is_asked_for("observation.state", columns) for columns in ([], ["observation.state.0"], ["action"])]
-    [True, True, False]
-    """
-    return not columns or any(is_below(name, wanted) or is_below(wanted, name) for wanted in columns)

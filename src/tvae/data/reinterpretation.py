@@ -10,13 +10,14 @@ import pyarrow as pa
 
 from tvae.data.columns import KindError, decode, encode, signal_of
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.table_roles import named_kinds
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.trajectory import DataError
 from tvae.spaces import FloatArray, Signal, Space
 
 
 def with_kinds(demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]]) -> Demonstrations:
-    """Take columns, such as `observation.heading`, as signals of another kind.
+    """Take columns, such as `observation.heading` or `heading`, as signals of another kind.
 
     Raises `DataError` for an unknown column and for values that cannot be of that kind.
 
@@ -28,9 +29,9 @@ def with_kinds(demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]]
     """
     columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
     columns += [ACTION + name for name in demonstrations.action_space.names]
-    for name in kinds:
-        if name not in columns:
-            raise DataError(f"column {name} was given a kind, but there are only {', '.join(columns)}")
+    kinds, issues = named_kinds(kinds, columns, {})
+    if issues:
+        raise DataError(str(issues[0]))
     observation_space, observations = _changed(
         OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds
     )

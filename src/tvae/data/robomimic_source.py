@@ -24,7 +24,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from tvae.data.raw_table import RawTable, is_asked_for
+from tvae.data.names import is_asked_for
+from tvae.data.raw_table import RawTable
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.trajectory import DataError
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
+from tvae.data.signal_names import called
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.trajectory import DataError
 from tvae.spaces import IntArray
@@ -58,7 +59,8 @@ def segment(
 def segment_by_column(demonstrations: Demonstrations, column: str) -> Demonstrations:
     """Cut episodes wherever the value of a column changes, such as a level or a round; no step is copied.
 
-    The column is a step column, or a signal such as `observation.room`. Segments have all that those of `segment` have.
+    The column is a step column, or a signal such as `observation.room` or `room`. Segments have all that those of
+    `segment` have.
 
     Raises `DataError` for a column that is not there and for episodes that are segments already.
 
@@ -113,6 +115,11 @@ def _of_steps(demonstrations: Demonstrations, column: str) -> NDArray[Any]:
         return np.asarray(demonstrations.steps[column][acting])
     if column in demonstrations.attributes:
         return np.repeat(demonstrations.attributes[column], lengths)
+    there = [
+        *(OBSERVATION + name for name in demonstrations.observation_space.names),
+        *(ACTION + name for name in demonstrations.action_space.names),
+    ]
+    signal = called(column, there)
     for prefix, space, flat, rows in (
         (
             OBSERVATION,
@@ -122,15 +129,10 @@ def _of_steps(demonstrations: Demonstrations, column: str) -> NDArray[Any]:
         ),
         (ACTION, demonstrations.action_space, demonstrations.actions, acting),
     ):
-        name = column.removeprefix(prefix)
-        if column.startswith(prefix) and name in space.names:
-            return np.asarray(flat[rows, space.names.index(name)])
-    there = [
-        *(OBSERVATION + name for name in demonstrations.observation_space.names),
-        *(ACTION + name for name in demonstrations.action_space.names),
-        *demonstrations.steps,
-    ]
-    raise DataError(f"there is no column {column!r} to cut by; there are: {', '.join(there)}")
+        if signal is not None and signal.startswith(prefix):
+            return np.asarray(flat[rows, space.names.index(signal.removeprefix(prefix))])
+    listed = ", ".join([*there, *demonstrations.steps])
+    raise DataError(f"there is no column {column!r} to cut by; there are: {listed}")
 
 
 def _cut_before(demonstrations: Demonstrations, cut: NDArray[np.bool_]) -> Demonstrations:

@@ -29,6 +29,7 @@ def load_demonstrations(
     angular: Sequence[str] = (),
     continuous: Sequence[str] = (),
     categorical: Sequence[str] = (),
+    binary: Sequence[str] = (),
     preparation: Preparation = AS_RECORDED,
     observation_space: Space | None = None,
     action_space: Space | None = None,
@@ -49,10 +50,10 @@ def load_demonstrations(
 
     NumPy and PyTorch arrays: `tvae.data.arrays.from_arrays`.
 
-    `angular`, `continuous` and `categorical` name columns, such as `observation.heading`, that are of another
-    kind than the source suggests. `preparation` says which columns of a table are read and what becomes of missing
-    values, uneven steps and several players. Given spaces, such as a model's, must fit; a table is read by their names
-    and categories.
+    `angular`, `continuous`, `categorical` and `binary` name columns, such as `observation.heading` or `heading`, that
+    are of another kind than the source suggests. `preparation` says which columns of a table are read, what they are,
+    and what becomes of missing values, uneven steps and several players. Given spaces, such as a model's, must fit; a
+    table is read by their names and categories.
 
     Raises `DataError`, which says what was tried, where and what is wrong.
 
@@ -61,7 +62,7 @@ def load_demonstrations(
     >>> load_demonstrations(pa.table(rows), angular=["action.heading"]).action_space.signals
     (Angular(name='heading'),)
     """
-    kinds = kinds_by_column(angular, continuous, categorical)
+    kinds = kinds_by_column(angular, continuous, categorical, binary)
     raw = open_any_table(source, preparation)
     if raw is not None:
         return demonstrations_of(
@@ -89,11 +90,10 @@ def open_any_table(source: DataSource, preparation: Preparation) -> RawTable | N
 
     Raises `DataError` if it should be a table and cannot be read.
     """
-    columns, needed = preparation.columns, preparation.needed
-    raw = open_table(source, columns=columns, needed=needed)
+    raw = open_table(source, preparation)
     if raw is not None or not isinstance(source, str | Path) or not Path(source).is_dir() or _is_episodes(source):
         return raw
-    return open_directory(source, columns=columns, needed=needed)
+    return open_directory(source, preparation)
 
 
 def _is_episodes(directory: str | Path) -> bool:

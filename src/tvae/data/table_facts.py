@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from tvae.data.columns import KindError, facts
-from tvae.data.issues import Issue
+from tvae.data.issues import Issue, Remedy
 from tvae.data.table_index import TableIndex
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 
@@ -37,18 +37,18 @@ def read_facts(
         missing: list[Issue] = []
         if strict or not pa.types.is_floating(column.type):
             null = pc.is_null(column, nan_is_null=True).to_numpy()
-            missing = index.issue(null & rows, name, "is missing or not a number")
+            missing = index.issue(null & rows, name, "is missing or not a number", Remedy.IGNORE)
         if missing:
             issues += missing
             continue
         if name in STEP_COLUMNS and pa.types.is_string(column.type):
-            issues.append(Issue("needs numbers, got text", column=name))
+            issues.append(Issue("needs numbers, got text", column=name, remedy=Remedy.IGNORE))
             continue
         kept = column.filter(pa.array(rows)).combine_chunks()
         try:
             values = facts(pa.chunked_array([kept]))
         except KindError as error:
-            issues.append(Issue(str(error), column=name))
+            issues.append(Issue(str(error), column=name, remedy=error.remedy))
             continue
         if _is_attribute(name, kept, member, schema):
             attributes[name] = values[firsts]

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from tvae.data.columns import facts, plain
-from tvae.data.issues import Issue
+from tvae.data.issues import Issue, Remedy
 from tvae.data.preparation import Clock
 from tvae.data.table_times import missing_issue, times_of, uneven
 from tvae.spaces import FloatArray, IntArray
@@ -58,7 +58,9 @@ class TableIndex:
         last[self.starts + self.counts - 1] = True
         return last
 
-    def issue(self, rows: NDArray[np.bool_], column: str, message: str) -> list[Issue]:
+    def issue(
+        self, rows: NDArray[np.bool_], column: str, message: str, remedy: Remedy | None = None
+    ) -> list[Issue]:
         """An issue at the first of these rows (N,); none if there is no such row."""
         if not rows.any():
             return []
@@ -70,6 +72,7 @@ class TableIndex:
                 episode=self.episodes[self.member[first]].item(),
                 step=int(self.steps[first]),
                 count=int(rows.sum()),
+                remedy=remedy,
             )
         ]
 
@@ -169,13 +172,14 @@ def _step_issues(index: TableIndex) -> list[Issue]:
     first = np.zeros(len(index.steps), dtype=np.bool_)
     first[index.starts] = True
     issues = index.issue(
-        first & (index.steps != 0), "step", "is the first of its episode, but the first must be 0"
+        first & (index.steps != 0), "step", "is the first of its episode, but the first must be 0", Remedy.TELL_TIME
     )
-    issues += index.issue(~first & (difference == 0), "step", "stands there more than once")
+    twice = ~first & (difference == 0)
+    issues += index.issue(twice, "step", "stands there more than once", Remedy.TELL_PLAYERS_APART)
     gap = ~first & (difference > 1)
     if gap.any():
         before = int(index.steps[gap.argmax() - 1])
-        issues += index.issue(gap, "step", f"leaves a gap: it follows step {before}")
+        issues += index.issue(gap, "step", f"leaves a gap: it follows step {before}", Remedy.RESAMPLE)
     return issues
 
 
@@ -183,9 +187,9 @@ def _time_issues(index: TableIndex, clock: Clock) -> list[Issue]:
     """Rows of an episode must differ in time and, unless they are resampled, be equally far apart."""
     first = np.zeros(len(index.steps), dtype=np.bool_)
     first[index.starts] = True
-    issues = index.issue(
-        ~first & (np.diff(index.times, prepend=0) == 0), clock.column, "stands there more than once in the episode"
-    )
+    twice = ~first & (np.diff(index.times, prepend=0) == 0)
+    message = "stands there more than once in the episode"
+    issues = index.issue(twice, clock.column, message, Remedy.TELL_PLAYERS_APART)
     if issues or clock.resample is not None:
         return issues
     every, wrong = uneven(index.times, first, clock)
@@ -193,6 +197,5 @@ def _time_issues(index: TableIndex, clock: Clock) -> list[Issue]:
         return []
     at = int(wrong.argmax())
     gap = index.times[at] - index.times[at - 1]
-    return index.issue(
-        wrong, clock.column, f"is {gap:.4g} after the row before, but steps are {every:.4g} apart: resample by a rule"
-    )
+    message = f"is {gap:.4g} after the row before, but steps are {every:.4g} apart: resample by a rule"
+    return index.issue(wrong, clock.column, message, Remedy.RESAMPLE)

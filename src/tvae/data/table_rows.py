@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
@@ -13,15 +13,20 @@ from tvae.data.columns import plain
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import MissingRule
 from tvae.data.filling import filled
-from tvae.data.issues import Issue
+from tvae.data.issues import Issue, Remedy
+from tvae.data.names import alike
 from tvae.data.preparation import AS_RECORDED, Clock, Preparation
 from tvae.data.raw_table import RawTable
 from tvae.data.resampling import resampled
 from tvae.data.table_facts import read_facts
 from tvae.data.table_index import TableIndex, index_table
-from tvae.data.table_schema import ACTION, OBSERVATION
+from tvae.data.table_roles import Arranged, arranged, named_kinds
+from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.table_signals import Signals, column_issues, final_rows, read_signals
+from tvae.data.texts import without_nulls
 from tvae.spaces import Signal, Space
+
+_NAMING = {"episode": Remedy.NAME_EPISODE, "step": Remedy.NAME_STEP}
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ def examine(
 ) -> Examined:
     """Read a table. Given spaces override the schema's, and `kinds` override both.
 
+    Issues name columns as the table does.
+
     >>> rows = {"episode": [7, 7], "step": [0, 1], "observation.x": [0.0, 1.0], "action.dx": [1.0, None]}
     >>> table = pa.table(rows)
     >>> examine(RawTable(table), kinds={}).demonstrations[0].observations.tolist()
@@ -59,15 +66,36 @@ def examine(
     >>> [str(issue) for issue in examine(RawTable(table.drop_columns("action.dx")), kinds={}).issues]
     ['needs at least one column action.*; the columns are episode, step, observation.x']
     """
-    issues = [*raw.issues, *_layout_issues(raw.table, kinds, preparation)]
-    if len(issues) > len(raw.issues):
-        return Examined(None, tuple(issues))
-    table = pa.table([plain(column) for column in raw.table.columns], names=raw.table.column_names)
+    own = arranged(raw.table, raw.schema, preparation, observation_space)
+    kinds, issues = named_kinds(kinds, own.table.column_names, own.recorded)
+    issues = [*_layout_issues(raw.table, own, preparation), *issues]
+    names = own.table.column_names
+    if len(set(names)) < len(names) or raw.table.num_rows == 0:
+        found = Examined(None, tuple(issues))
+    else:
+        table = pa.table([plain(column) for column in own.table.columns], names=names)
+        own = replace(own, table=without_nulls(table, preparation.nulls) if preparation.nulls else table)
+        if own.issues or issues:
+            found = Examined(None, (*issues, *column_issues(own.table, kinds, own.schema)))
+        else:
+            found = _examined(own.table, own.schema, kinds, preparation, observation_space, action_space)
+    issues = [*raw.issues, *own.issues, *map(own.as_recorded, found.issues)]
+    return Examined(None if issues else found.demonstrations, tuple(issues))
+
+
+def _examined(
+    table: pa.Table,
+    schema: TableSchema | None,
+    kinds: Mapping[str, type[Signal]],
+    preparation: Preparation,
+    observation_space: Space | None,
+    action_space: Space | None,
+) -> Examined:
+    """The same for a table that has all columns that it needs, once."""
     table, index, found = index_table(table, preparation.player, preparation.clock)
-    issues += found
+    issues = [*found]
     if index is None:
-        return Examined(None, (*issues, *column_issues(table, kinds, raw.schema)))
-    schema = raw.schema
+        return Examined(None, (*issues, *column_issues(table, kinds, schema)))
     observations, found = read_signals(
         table, index, OBSERVATION, kinds, observation_space or (schema.observation_space if schema else None)
     )
@@ -76,18 +104,19 @@ def examine(
         table, index, ACTION, kinds, action_space or (schema.action_space if schema else None)
     )
     issues += found
-    if observations is None or actions is None:
-        return Examined(None, tuple(issues))
     rows = Rows(table, index, observations, actions)
     if preparation.missing is not None:
         rows = _without_gaps(rows, preparation.missing)
         if len(rows.index.episodes) == 0:
             message = f"all {len(index.episodes):,} episodes lack a value and are left out"
             return Examined(None, (*issues, Issue(message)))
-    gap = "is missing or not a number"
-    gap += "" if preparation.missing is None else ", and the rule has no value for it"
+    gap, remedy = "is missing or not a number", Remedy.FILL
+    if preparation.missing is not None:
+        gap, remedy = f"{gap}, and the rule has no value for it", Remedy.FILL_REST
     for name, missing in zip(observations.columns, np.isnan(rows.observations.rows).T, strict=True):
-        issues += rows.index.issue(missing, name, gap)
+        issues += rows.index.issue(missing, name, gap, remedy)
+    if not actions.whole:
+        return Examined(None, tuple(issues))
     final, found = final_rows(rows.actions, rows.index)
     issues += found
     steps, attributes, found = read_facts(rows.table, rows.index, ~final, schema)
@@ -114,30 +143,29 @@ def examine(
     return Examined(demonstrations, ())
 
 
-def _layout_issues(
-    table: pa.Table, kinds: Mapping[str, type[Signal]], preparation: Preparation
-) -> list[Issue]:
+def _layout_issues(recorded: pa.Table, own: Arranged, preparation: Preparation) -> list[Issue]:
     """Columns that must be there and are not, or that may not be there twice."""
-    names = table.column_names
-    there = f"the columns are {', '.join(names)}"
+    there, names = recorded.column_names, own.table.column_names
     issues = [
         Issue(f"is there {names.count(name)} times", column=name)
         for name in dict.fromkeys(names)
         if names.count(name) > 1
     ]
-    issues += [Issue(f"needs a column {name!r}; {there}") for name in preparation.needed if name not in names]
-    issues += [
-        Issue(f"needs at least one column {prefix}*; {there}")
-        for prefix in (OBSERVATION, ACTION)
+    called = {preparation.roles.episode, preparation.roles.step}
+    missing = [
+        Issue(f"needs a column {name!r}{alike(name, there)}", remedy=_NAMING.get(name))
+        for name in preparation.needed
+        if name not in there and name not in called
+    ]
+    missing += [
+        Issue(f"needs at least one column {prefix}*", remedy=remedy)
+        for prefix, remedy in ((OBSERVATION, Remedy.NAME_OBSERVATIONS), (ACTION, Remedy.NAME_ACTIONS))
         if not any(name.startswith(prefix) for name in names)
     ]
-    signals = [name for name in names if name.startswith((OBSERVATION, ACTION))]
-    issues += [
-        Issue(f"was given a kind, but is no column of a signal; these are: {', '.join(signals)}", column=name)
-        for name in kinds
-        if name not in signals
-    ]
-    if table.num_rows == 0:
+    if missing:
+        first = missing[0]
+        issues += [replace(first, message=f"{first.message}; the columns are {', '.join(there)}"), *missing[1:]]
+    if recorded.num_rows == 0:
         issues.append(Issue("needs at least one row, got none"))
     return issues
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from tvae.data.raw_table import RawTable
+from tvae.data.roles import AS_NAMED, Roles
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name, read_table_file
 from tvae.data.table_schema import TableSchema
+from tvae.data.texts import no_numbers
 from tvae.data.trajectory import DataError
 
 _SUFFIXES = ", ".join((*PARQUET_SUFFIXES, *CSV_SUFFIXES))
@@ -48,10 +50,11 @@ def table_files_in(directory: Path) -> list[Path]:
     )
 
 
-def read_table_files(paths: Sequence[Path]) -> RawTable:
+def read_table_files(paths: Sequence[Path], roles: Roles = AS_NAMED) -> RawTable:
     """The rows of all files, one after another.
 
-    Files without a column `episode` are an episode each, which is called like the file without its ending.
+    Files without a column `episode` are an episode each, which is called like the file without its ending, unless
+    `roles` name another column.
 
     Raises `DataError`, naming a file, where the columns differ, an episode begins in two files, or one cannot be read.
     """
@@ -61,11 +64,11 @@ def read_table_files(paths: Sequence[Path]) -> RawTable:
     first = raws[0]
     for path, raw in zip(paths[1:], raws[1:], strict=True):
         _check_columns(path, raw.table, paths[0], first.table)
-    if "episode" not in first.table.column_names:
-        tables = _named_after_files(paths, [raw.table for raw in raws])
+    tables = [raw.table for raw in raws]
+    if roles.episode is None and "episode" not in first.table.column_names:
+        tables = _named_after_files(paths, tables)
     else:
-        tables = [raw.table for raw in raws]
-        _check_episodes(paths, tables)
+        _check_episodes(paths, tables, roles.episode or "episode", roles.step or "step")
     return RawTable(
         _joined(paths, tables),
         _common_schema(paths, [raw.schema for raw in raws]),
@@ -99,14 +102,14 @@ def _stem(path: Path) -> str:
     return path.name[: -len(suffix)]
 
 
-def _check_episodes(paths: Sequence[Path], tables: Sequence[pa.Table]) -> None:
+def _check_episodes(paths: Sequence[Path], tables: Sequence[pa.Table], identity: str, number: str) -> None:
     """An episode may go on in another file, but begin in one only."""
-    if "step" not in tables[0].column_names:
+    if not {identity, number} <= set(tables[0].column_names):
         return
     begun: dict[object, Path] = {}
     for path, table in zip(paths, tables, strict=True):
         try:
-            firsts = table["episode"].filter(pc.equal(table["step"], 0)).unique()
+            firsts = table[identity].filter(pc.equal(table[number], 0)).unique()
         except pa.ArrowException:  # a step that is no number is reported with all else that is wrong
             return
         for episode in firsts.to_pylist():
@@ -117,9 +120,12 @@ def _check_episodes(paths: Sequence[Path], tables: Sequence[pa.Table]) -> None:
 
 
 def _joined(paths: Sequence[Path], tables: Sequence[pa.Table]) -> pa.Table:
-    """One table; integers and fractions of one column become fractions."""
+    """One table; integers and fractions of one column become fractions, numbers and stray text become text."""
     names = tables[0].column_names
     same_order = [table.select(names).replace_schema_metadata(None) for table in tables]
+    for name in names:
+        if _is_stray(table[name] for table in same_order):
+            same_order = [_with_text(table, name) for table in same_order]
     try:
         return pa.concat_tables(same_order, promote_options="permissive")
     except pa.ArrowException:
@@ -133,6 +139,21 @@ def _joined(paths: Sequence[Path], tables: Sequence[pa.Table]) -> pa.Table:
                         f"{path}: column {name} holds {kinds[1]}, but that of {paths[0]} holds {kinds[0]}"
                     ) from None
         raise
+
+
+def _is_stray(columns: Iterable[pa.ChunkedArray]) -> bool:
+    """Whether some of these are numbers and the others text that is mostly numbers."""
+    texts = False
+    for column in columns:
+        if pa.types.is_string(column.type) and 2 * no_numbers(column).sum() < len(column):
+            texts = True
+        elif not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+            return False
+    return texts
+
+
+def _with_text(table: pa.Table, name: str) -> pa.Table:
+    return table.set_column(table.column_names.index(name), name, table[name].cast(pa.string()))
 
 
 def _common_schema(paths: Sequence[Path], schemas: Sequence[TableSchema | None]) -> TableSchema | None:

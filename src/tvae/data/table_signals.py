@@ -11,14 +11,16 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from tvae.data.columns import MOST_CATEGORIES, UNKNOWN_CATEGORY, KindError, encode, listed, signal_of
-from tvae.data.issues import Issue
+from tvae.data.issues import Issue, Remedy
 from tvae.data.table_index import TableIndex
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.table_times import missing_issue
-from tvae.spaces import Binary, Categorical, FloatArray, Signal, Space
+from tvae.data.texts import as_numbers, no_numbers, some_of
+from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
-_NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$"
-_STRAY = "is no number, got {!r}, but most values are: correct it, or say that the column is categorical"
+_STRAY = (
+    "is no number, got {}, but most values are: say which texts are missing values, or that the column is categorical"
+)
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class Signals:
     columns: tuple[str, ...]
     rows: FloatArray
     """(N, C), NaN where a value is missing."""
+    whole: bool = True
+    """Whether none was left out since it could not be read."""
 
     def having(self, rows: FloatArray) -> Signals:
         """The same signals with other values."""
@@ -45,7 +49,8 @@ def read_signals(
     prefix: str,
     kinds: Mapping[str, type[Signal]],
     given: Space | None,
-) -> tuple[Signals | None, list[Issue]]:
+) -> tuple[Signals, list[Issue]]:
+    """The columns with this prefix that can be read, and what is wrong with them and the others."""
     names = [name.removeprefix(prefix) for name in table.column_names if name.startswith(prefix)]
     issues: list[Issue] = []
     if given is not None:
@@ -62,40 +67,53 @@ def read_signals(
         names = [name for name in given.names if name in names]
     signals: list[Signal] = []
     rows = np.empty((table.num_rows, len(names)))
-    for position, name in enumerate(names):
+    for name in names:
         column = prefix + name
-        if table[column].null_count == table.num_rows:
-            issues += index.issue(np.ones(table.num_rows, np.bool_), column, "is empty in the whole table")
+        values = table[column]
+        if values.null_count == table.num_rows:
+            empty = np.ones(table.num_rows, np.bool_)
+            issues += index.issue(empty, column, "is empty in the whole table", Remedy.IGNORE)
             continue
+        known = None if given is None or column in kinds else given.signals[given.column(name)]
+        wanted = kinds.get(column) if known is None else type(known)
+        stray = _stray_text(values, wanted)
+        if stray.any():
+            message = _STRAY.format(some_of(values, stray))
+            issues += index.issue(stray, column, message, Remedy.SAY_TEXT_IS_MISSING)
+        if stray.any() and wanted is not None:
+            continue
+        values = _numbers(values, wanted)
         try:
-            if given is None and column not in kinds:
-                stray = _stray_text(table[column])
-                if stray.any():
-                    first = table[column][int(stray.argmax())].as_py()
-                    issues += index.issue(stray, column, _STRAY.format(first))
-            if given is None or column in kinds:
-                signal = signal_of(name, table[column], kinds.get(column))
-            else:
-                signal = given.signals[given.column(name)]
-            rows[:, position] = encode(signal, table[column])
+            signal = signal_of(name, values, wanted) if known is None else known
+            rows[:, len(signals)] = encode(signal, values)
         except KindError as error:
-            issues.append(Issue(str(error), column=column))
+            if not stray.any():
+                issues.append(Issue(str(error), column=column, remedy=error.remedy))
             continue
+        issues += _value_issues(signal, rows[:, len(signals)], values, index, column)
         signals.append(signal)
-        issues += _value_issues(signal, rows[:, position], table[column], index, column)
-    if len(signals) < len(names) or not names:
-        return None, issues
-    return Signals(Space(tuple(signals)), tuple(prefix + name for name in names), rows), issues
+    space = Space(tuple(signals))
+    columns = tuple(prefix + name for name in space.names)
+    return Signals(space, columns, rows[:, : len(signals)], len(signals) == len(names) > 0), issues
 
 
-def _stray_text(values: pa.ChunkedArray) -> NDArray[np.bool_]:
-    """(N,) the text among what is mostly numbers, and too many different ones for categories."""
+def _stray_text(values: pa.ChunkedArray, wanted: type[Signal] | None) -> NDArray[np.bool_]:
+    """(N,) the text among what is mostly numbers, where these are wanted or too many for categories."""
     none = np.zeros(len(values), dtype=np.bool_)
-    if not pa.types.is_string(values.type) or pc.count_distinct(values).as_py() <= MOST_CATEGORIES:
+    if not pa.types.is_string(values.type) or wanted in {Categorical, Binary}:
         return none
-    numbers = pc.fill_null(pc.match_substring_regex(values, _NUMBER), True).to_numpy()
+    if wanted is None and pc.count_distinct(values).as_py() <= MOST_CATEGORIES:
+        return none
+    stray = no_numbers(values)
     known = len(values) - values.null_count
-    return ~numbers if 2 * (~numbers).sum() < known else none
+    return stray if 2 * stray.sum() < known else none
+
+
+def _numbers(values: pa.ChunkedArray, wanted: type[Signal] | None) -> pa.ChunkedArray:
+    """The same, with text that is numbers as numbers where these are wanted."""
+    if not pa.types.is_string(values.type) or wanted not in {Continuous, Angular} or no_numbers(values).any():
+        return values
+    return as_numbers(values)
 
 
 def column_issues(
@@ -106,20 +124,22 @@ def column_issues(
     for column in table.column_names:
         if not column.startswith((OBSERVATION, ACTION)) or (schema is not None and column not in kinds):
             continue
-        values = table[column]
-        try:
-            encode(signal_of(column, values, kinds.get(column)), values)
-        except KindError as error:
-            issues.append(Issue(str(error), column=column))
-            continue
-        stray = np.zeros(0, np.bool_) if column in kinds else _stray_text(values)
+        values, wanted = table[column], kinds.get(column)
+        stray = _stray_text(values, wanted)
         if stray.any():
-            row = int(stray.argmax())
-            message = f"{_STRAY.format(values[row].as_py())}, first in row {row + 1} of the data"
-            issues.append(Issue(message, column=column, count=int(stray.sum())))
+            message = f"{_STRAY.format(some_of(values, stray))}, first in row {int(stray.argmax()) + 1} of the data"
+            remedy = Remedy.SAY_TEXT_IS_MISSING
+            issues.append(Issue(message, column=column, count=int(stray.sum()), remedy=remedy))
+        else:
+            try:
+                values = _numbers(values, wanted)
+                encode(signal_of(column, values, wanted), values)
+            except KindError as error:
+                issues.append(Issue(str(error), column=column, remedy=error.remedy))
+                continue
         if column.startswith(OBSERVATION):
             missing = missing_issue(values, column)
-            issues += [] if missing is None else [missing]
+            issues += [] if missing is None else [missing.mended_by(Remedy.FILL)]
     return issues
 
 
@@ -148,7 +168,7 @@ def final_rows(actions: Signals, index: TableIndex) -> tuple[NDArray[np.bool_], 
     issues: list[Issue] = []
     for name, gone in zip(actions.columns, missing.T, strict=True):
         issues += index.issue(
-            gone & ~empty, name, "is missing or not a number, while other actions of the step are there"
+            gone & ~empty, name, "is missing or not a number, while other actions of the step are there", Remedy.FILL
         )
     without = np.add.reduceat(~empty, index.starts, dtype=np.int64) == 0
     issues += index.issue(
@@ -160,5 +180,6 @@ def final_rows(actions: Signals, index: TableIndex) -> tuple[NDArray[np.bool_], 
         empty & ~index.is_last() & ~without[index.member],
         f"{ACTION}*",
         "is empty, which only the last row of an episode may be",
+        Remedy.FILL,
     )
     return empty & index.is_last(), issues

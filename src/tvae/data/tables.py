@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import pyarrow as pa
 
 from tvae.data.lerobot_source import is_lerobot, read_lerobot
+from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.raw_table import RawTable
 from tvae.data.robomimic_source import is_hdf5_name, read_robomimic
 from tvae.data.table_files import is_csv_name, is_parquet_name, read_table_file
@@ -38,10 +39,8 @@ def title(source: DataSource) -> str:
     return f"{len(source)} files" if isinstance(source, Sequence) else type(source).__name__
 
 
-def open_table(
-    source: DataSource, *, columns: Sequence[str] = (), needed: Collection[str] = ("episode", "step")
-) -> RawTable | None:
-    """The rows of a source, and of `columns`, if any are given, those only; None if it is no table.
+def open_table(source: DataSource, preparation: Preparation = AS_RECORDED) -> RawTable | None:
+    """The rows of a source as they were recorded, of the columns that are to be read; None if it is no table.
 
     Raises `DataError` with the source's name if it should be one and cannot be read.
 
@@ -49,26 +48,29 @@ def open_table(
     1
     """
     try:
-        raw = _opened(source, columns)
-        return raw.only(columns, needed) if raw is not None and columns else raw
+        raw = _opened(source, preparation)
+        if raw is None or not preparation.columns:
+            return raw
+        ours = () if raw.schema is None else ("episode", "step")
+        return raw.only(preparation.columns, (*preparation.needed, *ours))
     except DataError as error:
         name = title(source)
         raise error if str(error).startswith(name) else DataError(f"{name}: {error}") from None
 
 
-def _opened(source: DataSource, columns: Sequence[str]) -> RawTable | None:
+def _opened(source: DataSource, preparation: Preparation) -> RawTable | None:
     if isinstance(source, ArrowStream):
         return RawTable(_in_memory(source))
     if not isinstance(source, str | Path):
-        return read_table_files([Path(path) for path in source])
+        return read_table_files([Path(path) for path in source], preparation.roles)
     path = Path(source)
     if not path.exists() and is_pattern(str(source)):
-        return read_table_files(matching_files(str(source)))
+        return read_table_files(matching_files(str(source)), preparation.roles)
     if is_lerobot(path):
-        return read_lerobot(path, columns)
+        return read_lerobot(path, preparation.columns)
     if path.is_dir() or not (path.is_file() or is_table_name(path)):
         return None
-    return read_robomimic(path, columns) if is_hdf5_name(path) else read_table_file(path)
+    return read_robomimic(path, preparation.columns) if is_hdf5_name(path) else read_table_file(path)
 
 
 def is_table_name(path: Path) -> bool:
@@ -76,10 +78,10 @@ def is_table_name(path: Path) -> bool:
     return is_hdf5_name(path) or is_parquet_name(path) or is_csv_name(path)
 
 
-def open_directory(source: str | Path, *, columns: Sequence[str], needed: Collection[str]) -> RawTable | None:
+def open_directory(source: str | Path, preparation: Preparation) -> RawTable | None:
     """The rows of all Parquet and CSV files in a directory; None if it holds none."""
     files = table_files_in(Path(source))
-    return open_table(files, columns=columns, needed=needed) if files else None
+    return open_table(files, preparation) if files else None
 
 
 def _in_memory(source: ArrowStream) -> pa.Table:

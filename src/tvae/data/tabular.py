@@ -45,6 +45,7 @@ def read_table(
     angular: Sequence[str] = (),
     continuous: Sequence[str] = (),
     categorical: Sequence[str] = (),
+    binary: Sequence[str] = (),
     preparation: Preparation = AS_RECORDED,
     observation_space: Space | None = None,
     action_space: Space | None = None,
@@ -52,9 +53,10 @@ def read_table(
     """Demonstrations from whatever `open_table` reads, such as a `.parquet`, `.csv` or `.csv.gz` file.
 
     The kind of a column follows from the schema in a file that we wrote, else from its type. `angular`,
-    `continuous` and `categorical` name columns, such as `observation.heading`, that are of another kind.
+    `continuous`, `categorical` and `binary` name columns, such as `observation.heading`, that are of another kind.
     A given space, such as a model's, says what all observations or actions are; other columns or categories
-    than its own are refused. `preparation` says what becomes of missing values, uneven steps and players.
+    than its own are refused. `preparation` says which column is what, and what becomes of missing values, uneven
+    steps and players.
 
     Raises `DataError` with file, episode, step and column for the first problem; `validate` finds all.
 
@@ -65,13 +67,13 @@ def read_table(
     >>> walks.action_space.signals, walks[0].has_final_observation
     ((Categorical(name='go', categories=('left',)),), True)
     """
-    raw = open_table(source, columns=preparation.columns, needed=preparation.needed)
+    raw = open_table(source, preparation)
     if raw is None:
         raise DataError(f"{title(source)}: no table, but a directory or an id")
     return demonstrations_of(
         raw,
         title(source),
-        kinds=kinds_by_column(angular, continuous, categorical),
+        kinds=kinds_by_column(angular, continuous, categorical, binary),
         preparation=preparation,
         observation_space=observation_space,
         action_space=action_space,
@@ -94,7 +96,7 @@ def demonstrations_of(
     if examined.demonstrations is None:
         more = len(examined.issues) - 1
         others = f" (and {more} other kind{'s' if more > 1 else ''} of problem)" if more else ""
-        raise DataError(f"{where}: {examined.issues[0]}{others}")
+        raise DataError(f"{where}: {examined.issues[0]}{others}; `tvae data validate` says what mends it")
     return examined.demonstrations
 
 

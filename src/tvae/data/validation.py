@@ -31,6 +31,7 @@ def validate(
     angular: Sequence[str] = (),
     continuous: Sequence[str] = (),
     categorical: Sequence[str] = (),
+    binary: Sequence[str] = (),
     preparation: Preparation = AS_RECORDED,
 ) -> list[Issue]:
     """Everything that keeps `load_demonstrations` from reading a source; nothing if it is sound.
@@ -51,12 +52,17 @@ def validate(
         raw = open_any_table(source, preparation)
         if raw is None:
             load_demonstrations(
-                source, angular=angular, continuous=continuous, categorical=categorical, preparation=preparation
+                source,
+                angular=angular,
+                continuous=continuous,
+                categorical=categorical,
+                binary=binary,
+                preparation=preparation,
             )
             return []
     except DataError as error:
         return [Issue(str(error))]
-    kinds = kinds_by_column(angular, continuous, categorical)
+    kinds = kinds_by_column(angular, continuous, categorical, binary)
     return list(examine(raw, kinds=kinds, preparation=preparation).issues)
 
 

@@ -31,6 +31,8 @@ SIGNIFICANCE = 0.05
 LEAST_AUC_DISTANCE = 0.1
 MOST_RANK_CORRELATION = 0.9
 """Two statistics that correlate more than this say the same."""
+MOST_TOLD = 100_000
+"""Of more episodes, styles are described by as many, evenly taken."""
 MOST_TESTED = 10_000
 """Tests see at most so many episodes of each side, evenly taken."""
 
@@ -89,7 +91,9 @@ def describe(demonstrations: Demonstrations, assignment: IntArray) -> dict[int, 
     """
     if assignment.shape != (len(demonstrations),):
         raise ValueError(f"{len(demonstrations)} episodes need as many styles, got the shape {assignment.shape}")
-    statistics = EpisodeStatistics.of(demonstrations)
+    of_each = np.unique(assignment, return_index=True)[1]
+    told = np.union1d(of_each, _evenly(np.arange(len(assignment)), MOST_TOLD))
+    statistics, assignment = EpisodeStatistics.of(demonstrations.select(told)), assignment[told]
     styles = np.unique(assignment).tolist()
     if len(styles) == 1:
         return {styles[0]: _absolute(statistics)}
@@ -119,7 +123,7 @@ def differences(statistics: EpisodeStatistics, assignment: IntArray, style: int)
     if len(varying) == 0:
         return ()
     relative = relative[:, varying]
-    first, second = relative[_evenly(here)], relative[_evenly(elsewhere)]
+    first, second = relative[_evenly(here, MOST_TESTED)], relative[_evenly(elsewhere, MOST_TESTED)]
     with np.errstate(divide="ignore", invalid="ignore"):  # a column that varies, but not in what is tested
         test = mannwhitneyu(first, second, axis=0, method="asymptotic")
     columns = zip(
@@ -146,9 +150,9 @@ def _effect_sizes(here: FloatArray, elsewhere: FloatArray) -> FloatArray:
     return np.divide(difference, pooled, out=without, where=pooled >= noise)
 
 
-def _evenly(episodes: IntArray) -> IntArray:
-    """At most `MOST_TESTED` of them, evenly taken."""
-    count = min(len(episodes), MOST_TESTED)
+def _evenly(episodes: IntArray, most: int) -> IntArray:
+    """At most `most` of them, evenly taken."""
+    count = min(len(episodes), most)
     return episodes[np.arange(count) * len(episodes) // count]
 
 

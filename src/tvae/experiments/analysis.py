@@ -28,6 +28,10 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
 SAMPLES_FOR_TABLE = 4
+_MOST_LIKELIHOODS = 100_000
+"""Sessions whose likelihood stands in the table; of more, evenly spaced ones."""
+_MOST_TOLD = 20_000
+"""Sessions that are asked what z tells of their first observation; of more, evenly spaced ones."""
 
 
 def analyse(
@@ -42,13 +46,9 @@ def analyse(
     labels = names_of(playstyles, demonstrations)
     words = describe(demonstrations, playstyles.assignment)
     findings = Findings(playstyles, labels, words)
-    bound = importance_weighted_bound(model, demonstrations, num_samples=SAMPLES_FOR_TABLE, seed=config.seed)
+    likelihood = likelihood_per_step(model, demonstrations, seed=config.seed, console=console)
     table = styles_table(
-        demonstrations,
-        posteriors,
-        playstyles.assignment,
-        playstyles.probability,
-        likelihood=bound.total / demonstrations.lengths,
+        demonstrations, posteriors, playstyles.assignment, playstyles.probability, likelihood=likelihood
     )
     write_table(table, run.styles, overwrite=True)
     write_json(run.playstyles, findings.to_json())
@@ -58,6 +58,29 @@ def analyse(
     for style in playstyles.styles:
         console.print(f"{findings.name(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
     return findings
+
+
+def likelihood_per_step(
+    model: TrajectoryVAE, demonstrations: Demonstrations, *, seed: int, console: Console
+) -> FloatArray:
+    """(E,) in nats, NaN where it was not computed: of very many episodes, it is for evenly spaced ones only."""
+    some = _evenly(len(demonstrations), _MOST_LIKELIHOODS)
+    if len(some) < len(demonstrations):
+        console.print(
+            f"log_likelihood_per_step is computed for {len(some):,} of {len(demonstrations):,} sessions, evenly "
+            "spaced; `tvae score` computes it for any.",
+            highlight=False,
+        )
+    chosen = demonstrations.select(some)
+    bound = importance_weighted_bound(model, chosen, num_samples=SAMPLES_FOR_TABLE, seed=seed)
+    likelihood = np.full(len(demonstrations), np.nan)
+    likelihood[some] = bound.total / chosen.lengths
+    return likelihood
+
+
+def _evenly(count: int, most: int) -> IntArray:
+    """Positions of all of `count`, or of about `most` evenly spaced ones."""
+    return np.arange(0, count, -(-count // most))
 
 
 def names_of(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[int, str]:
@@ -94,13 +117,16 @@ def _latent(
     Left out for a model without z, and where no style has episodes enough to tell.
     """
     held: dict[str, object] = {"active_units": len(playstyles.active)}
-    largest = np.bincount(playstyles.assignment).max()
+    some = _evenly(len(demonstrations), _MOST_TOLD)
+    posteriors, demonstrations = posteriors.select(some), demonstrations.select(some)
+    styles = playstyles.assignment[some]
+    largest = np.bincount(styles).max()
     if model.latent_features == 0 or largest < FEWEST_EPISODES:
         return held
     starts = torch.as_tensor(demonstrations.observations[demonstrations.observation_starts], dtype=torch.float32)
     normalizer = model.observation_normalizer
     facts = normalizer.features(normalizer.values(starts.to(model.device))).double().cpu().numpy()
-    told = leakage(posteriors, facts, playstyles.assignment, seed=seed)
+    told = leakage(posteriors, facts, styles, seed=seed)
     names = {"start_r2": told.from_sample.r2, "start_r2_from_mean": told.from_mean.r2}
     nats = {"start_nats": told.from_sample.nats, "start_nats_from_mean": told.from_mean.nats}
     return {**held, "leakage": {**names, **nats}}
@@ -119,7 +145,10 @@ def styles_table(
     *,
     likelihood: FloatArray,
 ) -> pa.Table:
-    """One row per episode: `episode`, `style`, `probability`, `z_0` ..., `log_likelihood_per_step` in nats."""
+    """One row per episode: `episode`, `style`, `probability`, `z_0` ..., `log_likelihood_per_step`.
+
+    The last is `likelihood` in nats, empty where NaN.
+    """
     latents = {f"z_{index}": values for index, values in enumerate(posteriors.means.T)}
     return pa.table(
         {
@@ -127,7 +156,7 @@ def styles_table(
             "style": assignment,
             "probability": probability,
             **latents,
-            "log_likelihood_per_step": likelihood,
+            "log_likelihood_per_step": pa.array(likelihood, from_pandas=True),
         }
     )
 

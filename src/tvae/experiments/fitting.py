@@ -15,7 +15,7 @@ from rich.console import Console
 
 import tvae
 from tvae.config import RunConfig, TrainingConfig
-from tvae.data.batches import suitable_batch_size
+from tvae.data.batches import evenly, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import together, watching
@@ -26,7 +26,7 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.diagnosis import TrainingWarning
 from tvae.train.fitting import new_model
-from tvae.train.loop import Observer, evaluate, train
+from tvae.train.loop import MOST_JUDGED_STEPS, Observer, evaluate, train
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
 from tvae.train.schedules import Budget, KLSchedule, Piecewise
 
@@ -113,7 +113,7 @@ def fit_run(
     parts = split(demonstrations, config)
     batch_size = config.training.batch_size or suitable_batch_size(parts[0].lengths)
     terms = {
-        name: asdict(evaluate(model, part, batch_size=batch_size, seed=config.seed))
+        name: asdict(evaluate(model, evenly(part, MOST_JUDGED_STEPS), batch_size=batch_size, seed=config.seed))
         for name, part in zip(("training", "held_out"), parts, strict=True)
     }
     update_metrics(

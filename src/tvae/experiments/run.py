@@ -87,6 +87,8 @@ def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[
     summary = summarise(demonstrations)
     console.print(f"{summary.num_episodes} episodes, {summary.num_steps} steps, taken for:")
     console.print(signals_table(summary))
+    if about.source.reading.left_over is not None:
+        console.print(about.source.reading.left_over, highlight=False)
     model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)
     findings = analyse(run, model, demonstrations, about.config, console=console)
     if about.arena is not None:

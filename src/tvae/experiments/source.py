@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.estimates import Estimate, MissingRule, drop_episode, hold_last, interpolate
+from tvae.data.estimates import Estimate, MissingRule, drop_episode, hold_last, in_turn, interpolate
 from tvae.data.preparation import Clock, Preparation
+from tvae.data.roles import Roles
 from tvae.data.segments import segment, segment_at_event, segment_by_column
 from tvae.data.sources import load_demonstrations
 from tvae.data.table_sets import is_pattern
@@ -26,12 +27,26 @@ _MISSING: Mapping[str, MissingRule] = {**_RESAMPLE, "drop": drop_episode}
 class Reading:
     """How a data set is read, in words that a configuration file can hold."""
 
+    episode: str | None = None
+    """Column that says which episode a row belongs to, where it is not called episode."""
+    step: str | None = None
+    """Column that numbers the steps of an episode, where it is not called step."""
+    action: tuple[str, ...] = ()
+    """Column of what was done, where it is not called action.NAME, or a pattern such as 'move_*'; may be repeated."""
+    observation: tuple[str, ...] = ()
+    """Column of what was seen, likewise; by default, with --action, all that is left over and changes in an episode."""
+    ignore: tuple[str, ...] = ()
+    """Column to leave out, or a pattern; may be repeated."""
     angular: tuple[str, ...] = ()
-    """Column that is an angle in radians, such as observation.heading; may be repeated."""
+    """Column that is an angle in radians, such as heading; may be repeated."""
     continuous: tuple[str, ...] = ()
     """Column that is a number; may be repeated."""
     categorical: tuple[str, ...] = ()
     """Column that is a category; may be repeated."""
+    binary: tuple[str, ...] = ()
+    """Column that is yes (1) or no (0), such as a button; may be repeated."""
+    null: tuple[str, ...] = ()
+    """Text that stands for a missing value, such as lost; may be repeated."""
     only: tuple[str, ...] = ()
     """Column to read, with all below it, such as observation.state; by default all; may be repeated."""
     player: str | None = None
@@ -42,8 +57,9 @@ class Reading:
     """Time from step to step, in units of --time, of dates in seconds; by default the median."""
     resample: ResampleName | None = None
     """Rule for steps that are not equally far apart: the last value holds, or a straight line; by default refused."""
-    missing: MissingName | None = None
-    """Rule for missing values: the last holds, a straight line, or drop the episode; by default refused."""
+    missing: tuple[MissingName, ...] = ()
+    """Rule for missing values: the last holds, a straight line, or drop the episode; by default refused. A second one
+    counts where the first has no value."""
     segment: int | None = None
     """Cut recordings into segments of at most so many steps."""
     segment_by: str | None = None
@@ -61,9 +77,21 @@ class Reading:
         rule = None if self.resample is None else _RESAMPLE[self.resample]
         return Preparation(
             columns=self.only,
+            roles=Roles(self.episode, self.step, self.action, self.observation, self.ignore),
+            nulls=self.null,
             player=self.player,
             clock=None if self.time is None else Clock(self.time, self.every, rule),
-            missing=None if self.missing is None else _MISSING[self.missing],
+            missing=in_turn(*(_MISSING[name] for name in self.missing)) if self.missing else None,
+        )
+
+    @property
+    def left_over(self) -> str | None:
+        """In words, that columns were taken for something by themselves; None where that is not so."""
+        if not self.action or self.observation:
+            return None
+        return (
+            "Columns that no option names were taken for observations where they change within an episode, else for "
+            "facts; --observation names them instead, --ignore leaves one out."
         )
 
     def cut(self, demonstrations: Demonstrations) -> Demonstrations:
@@ -92,12 +120,14 @@ class Source:
     def from_json(cls, data: Mapping[str, Any]) -> Source:
         """The inverse of `dataclasses.asdict`, after JSON has made lists of tuples.
 
-        Runs of earlier versions have the fields of `reading` beside `path`.
+        Runs of earlier versions have the fields of `reading` beside `path`, and at most one rule for missing values.
         """
         written = data["reading"] if "reading" in data else {name: data[name] for name in data if name != "path"}
         reading: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in written.items()
         }
+        if not isinstance(reading.get("missing", ()), tuple):
+            reading["missing"] = () if reading["missing"] is None else (reading["missing"],)
         return cls(data["path"], Reading(**reading))
 
     def load(self, observation_space: Space | None = None, action_space: Space | None = None) -> Demonstrations:
@@ -110,6 +140,7 @@ class Source:
             angular=self.reading.angular,
             continuous=self.reading.continuous,
             categorical=self.reading.categorical,
+            binary=self.reading.binary,
             preparation=self.reading.preparation,
             observation_space=observation_space,
             action_space=action_space,

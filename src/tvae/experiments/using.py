@@ -12,8 +12,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.evaluate.encoding import encode
-from tvae.evaluate.likelihood import importance_weighted_bound
-from tvae.experiments.analysis import SAMPLES_FOR_TABLE, styles_table, write_table
+from tvae.experiments.analysis import likelihood_per_step, styles_table, write_table
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
 from tvae.experiments.findings import Findings
@@ -90,7 +89,7 @@ def imagine_style(
     )
 
 
-def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool) -> IntArray:
+def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool, console: Console) -> IntArray:
     """The style (N,) of other sessions, read as the run's own were; with `out`, also as a Parquet table."""
     model = run.model
     sessions = replace(run.about.source, path=source).load(
@@ -99,9 +98,7 @@ def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool) -
     posteriors = encode(model, sessions)
     assignment, probability = run.findings.playstyles.assign(posteriors)
     if out is not None:
-        bound = importance_weighted_bound(model, sessions, num_samples=SAMPLES_FOR_TABLE)
-        table = styles_table(
-            sessions, posteriors, assignment, probability, likelihood=bound.total / sessions.lengths
-        )
+        likelihood = likelihood_per_step(model, sessions, seed=0, console=console)
+        table = styles_table(sessions, posteriors, assignment, probability, likelihood=likelihood)
         write_table(table, out, overwrite=overwrite)
     return assignment

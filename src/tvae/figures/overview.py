@@ -27,20 +27,23 @@ _MOST_ROWS = 200_000
 
 
 def draw_overview(demonstrations: Demonstrations, *, most_signals: int = 24) -> Figure:
-    r"""The lengths of all episodes, the first `most_signals` signals, and four episodes from first to last.
+    r"""The lengths of all episodes, signals, and four episodes from first to last.
 
-    Of more than 2,000 episodes or 200,000 rows, signals show as many, evenly chosen.
+    Of more than `most_signals` signals it shows the first observations and the first actions, and says so above. Of
+    more than 2,000 episodes or 200,000 rows, signals show as many, evenly chosen.
 
     >>> from tvae.data.arrays import from_arrays
     >>> figure = draw_overview(from_arrays([np.arange(4.0)] * 5, [np.array(["left", "right", "left", "left"])] * 5))
     >>> [axes.get_title(loc="left") for axes in figure.axes][:3]
     ['steps of 5 episodes', 'observation\n0', 'action\n0']
     """
-    signals = list(_signals(demonstrations))[:most_signals]
+    signals, left_out = _chosen(demonstrations, most_signals)
     few = np.unique(np.linspace(0, len(demonstrations) - 1, _COLUMNS).round().astype(np.int64))
     distributions = ceil((1 + len(signals)) / _COLUMNS)
     figure = new_figure(DOUBLE_COLUMN, _HEIGHT * (distributions + 1))
     grid = figure.add_gridspec(distributions + 1, _COLUMNS)
+    if left_out:
+        figure.suptitle(left_out, x=0.01, ha="left", fontsize=TEXT_SIZE, color=MUTED)
     lengths = plain_axes(figure.add_subplot(grid[0, 0]), title=f"steps of {len(demonstrations):,} episodes")
     lengths.hist(demonstrations.lengths, bins=_BINS, color=MUTED)
     for index, (name, signal, values) in enumerate(signals, start=1):
@@ -56,6 +59,18 @@ def draw_overview(demonstrations: Demonstrations, *, most_signals: int = 24) -> 
             axes, trajectory, demonstrations.observation_space, demonstrations.action_space, style_colour(0)
         )
     return figure
+
+
+def _chosen(demonstrations: Demonstrations, most: int) -> tuple[list[tuple[str, Signal, FloatArray]], str]:
+    """At most so many signals, half of them actions if there are enough; in words, what is left out."""
+    seen, done = demonstrations.observation_space.num_columns, demonstrations.action_space.num_columns
+    few_done = min(done, max(most // 2, most - seen))
+    few_seen = min(seen, most - few_done)
+    everything = list(_signals(demonstrations))
+    if few_seen + few_done == len(everything):
+        return everything, ""
+    words = f"the first {few_seen} of {seen} observations and {few_done} of {done} actions"
+    return [*everything[:few_seen], *everything[seen : seen + few_done]], words
 
 
 def _signals(demonstrations: Demonstrations) -> Iterator[tuple[str, Signal, FloatArray]]:

@@ -23,7 +23,13 @@ def typical(change: Float[Tensor, "N C"]) -> Float[Tensor, " C"]:
 
 
 def spread(starts: IntArray, counts: IntArray) -> IntArray:
-    """Rows, evenly spaced if there are too many, of episodes that hold `counts` rows from `starts` on."""
+    """All rows of episodes that hold `counts` from `starts` on; of too many, those of evenly spaced episodes.
+
+    Whole episodes are read, as what lies together comes from disk together; of these, again, evenly spaced rows if
+    there are too many.
+    """
+    every = -(-int(counts.sum()) // MOST_ROWS)
+    starts, counts = starts[::every], counts[::every]
     ends = np.cumsum(counts)
     total = int(ends[-1])
     ordinal = np.linspace(0, total - 1, min(total, MOST_ROWS)).astype(np.int64)
@@ -33,7 +39,7 @@ def spread(starts: IntArray, counts: IntArray) -> IntArray:
 
 
 def some_rows(demonstrations: Demonstrations) -> tuple[FloatArray, FloatArray]:
-    """Observations and actions of all episodes, evenly spaced if there are too many."""
+    """Observations and actions of all episodes, or of evenly spaced ones if there are too many."""
     lengths = demonstrations.lengths
     observed = spread(demonstrations.observation_starts, lengths + demonstrations.final_observed)
     acted = spread(demonstrations.action_starts, lengths)

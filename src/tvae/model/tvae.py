@@ -190,7 +190,7 @@ class TrajectoryVAE(nn.Module):
     def calibrate(self, demonstrations: Demonstrations) -> None:
         """Fit what is measured rather than learned, on training data only: normalisers and typical changes.
 
-        Of more than a million steps, a million evenly spaced ones are used.
+        Of more than a million steps, those of evenly spaced episodes are used.
         """
         observations, actions = some_rows(demonstrations)
         for normalizer, rows in ((self.observation_normalizer, observations), (self.action_normalizer, actions)):

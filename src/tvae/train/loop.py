@@ -11,7 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
+from tvae.data.batches import (
+    BucketedSampler,
+    TrajectoryBatch,
+    batch_of,
+    evenly,
+    ordered_batches,
+    suitable_batch_size,
+)
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
@@ -24,6 +31,8 @@ from tvae.train.memory import candidates, shortest_sufficient_window
 from tvae.train.penalties import Penalty
 from tvae.train.schedules import KLSchedule
 
+MOST_JUDGED_STEPS = 100_000
+"""Held-out steps by which weights are judged; of more, evenly spaced episodes."""
 _WINDOW_CHOSEN = 0.6
 """Share of the training after which the policy's window is chosen."""
 
@@ -74,7 +83,8 @@ def train(
 
     Each of `penalties` (`tvae.train.penalties`) is taken off the bound of a step. None counts where weights are judged.
 
-    Every `evaluate_every` steps the bound is evaluated on `held_out`. After `schedule` has settled and the window is
+    Every `evaluate_every` steps the bound is evaluated on `held_out`; of more than 100,000 steps, on evenly spaced
+    episodes. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
     training ends early when `patience` evaluations have not improved on it. The state term has the weight
     `state_weight` there too. With 0, z and the policy are learnt as if there were no state decoder, which stays as it
@@ -96,13 +106,14 @@ def train(
     model.calibrate(demonstrations)
     optimizer = torch.optim.Adam(model.parameters(), lr=learning_rate, fused=True)
     chosen = 0.0 if model.window is None else _WINDOW_CHOSEN * num_steps
+    judging = evenly(held_out, MOST_JUDGED_STEPS)
     steps = _Steps(
         model,
         optimizer,
         demonstrations,
+        BucketedSampler(demonstrations.lengths, batch_size, seed),
         schedule,
         num_steps,
-        batch_size,
         learning_rate,
         clip,
         state_weight,
@@ -131,7 +142,7 @@ def train(
         if checkpoint is not None and checkpoint.exists():
             progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
         else:
-            first = evaluate(model, held_out, batch_size=batch_size, seed=seed)
+            first = evaluate(model, judging, batch_size=batch_size, seed=seed)
             beta = schedule.weight(0.0, first.kl, 1.0)
             progress = Progress(0, beta, first.kl, 0, 0, False, (Record(0, beta, first, first),))
             best = _copy_of_weights(model)
@@ -144,7 +155,7 @@ def train(
                 model.bot_window = shortest_sufficient_window(
                     model, held_out, shortest=shortest_window, seed=seed
                 )
-            held = evaluate(model, held_out, batch_size=batch_size, seed=seed)
+            held = evaluate(model, judging, batch_size=batch_size, seed=seed)
             record = Record(end, beta, _average(terms), held)
             judged = _judge(progress, record, terms[-1].kl, max(schedule.settled * num_steps, chosen), state_weight)
             if judged.best_step == end:
@@ -168,9 +179,9 @@ class _Steps:
     model: TrajectoryVAE
     optimizer: torch.optim.Optimizer
     demonstrations: Demonstrations
+    sampler: BucketedSampler
     schedule: KLSchedule
     num_steps: int
-    batch_size: int
     learning_rate: float
     clip: float
     state_weight: float
@@ -184,7 +195,6 @@ class _Steps:
     def run(self, progress: Progress, end: int, observer: Observer) -> tuple[list[Terms], float]:
         """Steps `progress.step` to `end`; returns the terms of each and the last beta."""
         model, beta, kl = self.model, progress.beta, progress.last_kl
-        sampler = BucketedSampler(self.demonstrations.lengths, self.batch_size, self.seed)
         per_step = 1 / float(self.demonstrations.lengths.mean())
         parts = [part for part in model.children() if any(p.requires_grad for p in part.parameters())]
         history: list[Terms] = []
@@ -194,7 +204,7 @@ class _Steps:
             beta = self.schedule.weight(step / self.num_steps, kl, beta)
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
-            batch = batch_of(self.demonstrations, sampler.episodes(step), model.device)
+            batch = batch_of(self.demonstrations, self.sampler.episodes(step), model.device)
             policy = _any_of(self.windows, batch) if step < self.chosen else _cut(batch, model.bot_window)
             terms = elbo(model, batch, policy=policy, state=_cut(batch, model.window))
             value = terms.value(beta, self.state_weight)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from tvae.data.batches import batch_of, ordered_batches
+from tvae.data.batches import batch_of, evenly, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.model.elbo import policy_log_likelihood
@@ -49,8 +49,7 @@ def shortest_sufficient_window(
     """
     if model.window is None:
         return None
-    every = max(1, round(held_out.num_steps / _MOST_STEPS))
-    some = held_out if every == 1 else held_out.select(np.arange(0, len(held_out), every))
+    some = evenly(held_out, _MOST_STEPS)
     best = _log_probability(model, some, model.window, seed)
     for window in candidates(model.window, shortest):
         assert window is not None

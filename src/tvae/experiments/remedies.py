@@ -1,0 +1,32 @@
+"""What mends an issue, in the words of the command line's options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tvae.data.issues import Issue, Remedy
+
+_OPTIONS: Mapping[Remedy, str] = {
+    Remedy.NAME_EPISODE: "name it: --episode COLUMN",
+    Remedy.NAME_STEP: "name it: --step COLUMN where steps are numbered 0, 1, 2, ..., else --time COLUMN",
+    Remedy.NAME_ACTIONS: "name them, or a pattern: --action COLUMN, once for each",
+    Remedy.NAME_OBSERVATIONS: "with --action, what is left over are observations; or name them: --observation COLUMN",
+    Remedy.SAY_KIND: "--continuous {column}, --angular {column} or --categorical {column}; or --ignore {column}",
+    Remedy.SAY_CATEGORY_OR_IGNORE: "--ignore {column} or --categorical {column}",
+    Remedy.SAY_TEXT_IS_MISSING: "--null TEXT reads a text as a missing value; or --categorical {column}",
+    Remedy.FILL: "--missing hold, --missing linear or --missing drop; or --ignore {column}",
+    Remedy.FILL_REST: "another --missing besides, such as --missing drop; or --ignore {column}",
+    Remedy.TELL_TIME: "--time {column} takes it for a time, which may begin anywhere",
+    Remedy.RESAMPLE: "--time {column} with --resample hold or --resample linear",
+    Remedy.TELL_PLAYERS_APART: "--player COLUMN where the rows are those of several players",
+    Remedy.IGNORE: "--ignore {column}",
+}
+
+
+def options_for(issue: Issue) -> str | None:
+    """The options that mend an issue; None where the recording itself must be mended.
+
+    >>> options_for(Issue("holds 99 different integers", column="hp", remedy=Remedy.SAY_KIND))
+    '--continuous hp, --angular hp or --categorical hp; or --ignore hp'
+    """
+    return None if issue.remedy is None else _OPTIONS[issue.remedy].replace("{column}", issue.column or "COLUMN")
