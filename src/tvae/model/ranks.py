@@ -7,12 +7,12 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from tvae.data.batches import batch_of, ordered_batches
+from tvae.data.batches import batch_of, evenly, ordered_batches
 from tvae.data.demonstrations import Demonstrations
+from tvae.model.calibration import MOST_ROWS
 from tvae.nets import masked_mean
 from tvae.spaces import Categorical, Signal, Space
 
-_MOST_EPISODES = 10_000
 _NOTHING = 1e-9
 
 
@@ -64,12 +64,10 @@ class Ranks(nn.Module):
             self.register_buffer(name, torch.from_numpy(indices), persistent=False)
 
     def fit(self, demonstrations: Demonstrations) -> None:
-        """Measure training data; of more than 10,000 episodes, evenly spaced ones."""
+        """Measure training data; of more than a million steps, evenly spaced episodes."""
         if not self.num_features:
             return
-        some = demonstrations
-        if len(demonstrations) > _MOST_EPISODES:
-            some = demonstrations.select(np.linspace(0, len(demonstrations) - 1, _MOST_EPISODES).astype(np.int64))
+        some = evenly(demonstrations, MOST_ROWS)
         batches = [batch_of(some, episodes, self.mean.device) for episodes in ordered_batches(some, 64)]
         rows = torch.cat([batch.observations[batch.mask] for batch in batches]).index_select(-1, self.columns)
         self.mean.copy_(rows.mean(0))
