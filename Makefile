@@ -4,7 +4,7 @@ PIP = .venv/bin/pip install --quiet --quiet --disable-pip-version-check -c const
 export GOMP_SPINCOUNT = 2000
 export SDL_VIDEODRIVER ?= dummy
 
-.PHONY: demo test lint wheel clean
+.PHONY: demo test lint docs wheel clean
 
 demo: .venv/installed
 	OMP_NUM_THREADS=1 .venv/bin/tvae demo --out runs/demo --force
@@ -16,6 +16,11 @@ lint: .venv/installed-lint
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+
+# The site is build/site/index.html and opens from disk; a warning is an error. The notebook runs from top to bottom.
+docs: .venv/installed-docs
+	.venv/bin/sphinx-build --fresh-env --fail-on-warning --keep-going --quiet docs build/site
+	OMP_NUM_THREADS=1 .venv/bin/jupyter execute examples/playstyles.ipynb
 
 # The wheel must work by itself, in an environment that has nothing else.
 wheel: .venv/installed-test
@@ -42,4 +47,8 @@ clean:
 
 .venv/installed-lint: .venv/installed-test
 	$(PIP) -e '.[lint]'
+	touch $@
+
+.venv/installed-docs: .venv/installed
+	$(PIP) -e '.[docs]'
 	touch $@

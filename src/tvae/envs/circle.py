@@ -33,7 +33,7 @@ TURN_NOISE = 0.05
 
 
 def circle_steps(radius: float) -> int:
-    """The number of steps around a circle of this signed radius, ceil(2 pi |R|).
+    """The number of steps around a circle of this signed radius, ceil(2 pi abs(R)).
 
     >>> [circle_steps(radius) for radius in RADII.values()]
     [63, 63, 126]
@@ -149,7 +149,7 @@ class CircleExpert:
     """Walks around the circle of a signed radius R, correcting itself.
 
     With s the sign of R and r its distance to the centre, it wants the heading of the tangent, plus
-    s asin(1 / 2|R|) for half a step ahead, plus s clip(0.1 (r - |R|), -0.5, 0.5) back to the circle. Its turn
+    s asin(1 / 2 abs(R)) for half a step ahead, plus s clip(0.1 (r - abs(R)), -0.5, 0.5) back to the circle. Its turn
     is the difference to its present heading, where it went in the last step, plus noise of 0.05 radians.
 
     >>> expert = CircleExpert(radius=10.0)
@@ -217,7 +217,7 @@ def _episodes(radius: float, num_episodes: int, seed: int) -> Demonstrations:
 
 
 def radius_errors(demonstrations: Demonstrations, radii: FloatArray) -> FloatArray:
-    """(E,) mean of |r - |R|| over the first ceil(2 pi |R|) steps, r the distance to the centre.
+    """(E,) mean of abs(r - abs(R)) over the first ceil(2 pi abs(R)) steps, r the distance to the centre.
 
     `radii` (E,) are signed.
 
@@ -235,7 +235,7 @@ def radius_errors(demonstrations: Demonstrations, radii: FloatArray) -> FloatArr
 
 
 def angles_walked(demonstrations: Demonstrations, radii: FloatArray) -> FloatArray:
-    """(E,) radians walked around the centre in the first ceil(2 pi |R|) steps; 2 pi is once around.
+    """(E,) radians walked around the centre in the first ceil(2 pi abs(R)) steps; 2 pi is once around.
 
     `radii` (E,) are signed; walking in the other sense counts as negative.
     """
@@ -247,7 +247,7 @@ def angles_walked(demonstrations: Demonstrations, radii: FloatArray) -> FloatArr
 
 
 def _paths(demonstrations: Demonstrations, radii: FloatArray) -> list[tuple[FloatArray, float]]:
-    """The start and the first ceil(2 pi |R|) positions of each episode, and its R."""
+    """The start and the first ceil(2 pi abs(R)) positions of each episode, and its R."""
     return [
         (episode.observations[: circle_steps(radius) + 1], radius)
         for episode, radius in zip(demonstrations, radii.tolist(), strict=True)
