@@ -201,7 +201,7 @@ def beside(bot: FloatArray, people: FloatArray, segments: Demonstrations) -> dic
 
 def games(policy: Policy, name: int, theirs: Demonstrations, seed: int) -> dict[str, Any]:
     """What comes of games of a bot that is to do this, beside the people of its style."""
-    envs = SyncVectorEnv([partial(OvercookedEnv, "coordination_ring", STEPS, surroundings=False)] * 50)
+    envs = SyncVectorEnv([partial(OvercookedEnv, "coordination_ring", STEPS)] * 50)
     try:
         episodes = rollout(envs, policy, GAMES, seed=seed)
     finally:

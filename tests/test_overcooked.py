@@ -34,7 +34,7 @@ RING = "coordination_ring"
 
 @pytest.fixture(scope="module")
 def games():
-    return overcooked_demonstrations(GAMES)
+    return overcooked_demonstrations(GAMES, surroundings=True)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_replays_are_the_recorded_games(games, recorded):
 
 
 def test_only_wanted_layouts_are_read():
-    room = overcooked_demonstrations(GAMES, ["cramped_room"], surroundings=False)
+    room = overcooked_demonstrations(GAMES, ["cramped_room"])
     assert len(room) == 16
     assert set(room.attributes["layout"]) == {"cramped_room"}
     with pytest.raises(ValueError, match=r"layouts must be some of asymmetric_advantages.*, got kitchen"):
@@ -140,7 +140,7 @@ def test_clockwise_laps_are_positive(ring):
 
 def test_recorded_people_as_a_policy(ring):
     pairs = ring.select(np.flatnonzero(ring.lengths == 1204)[:3])
-    envs = gymnasium.make_vec("tvae/Overcooked-v0", num_envs=3, layout=RING, horizon=1204)
+    envs = gymnasium.make_vec("tvae/Overcooked-v0", num_envs=3, layout=RING, horizon=1204, surroundings=True)
     again = rollout(envs, Recorded(pairs), 3)
     for game, replayed in zip(pairs, again, strict=True):
         assert np.array_equal(game.observations, replayed.observations)
@@ -168,13 +168,13 @@ def test_observations_are_categories_of_one_width_in_all_layouts(games):
 
 
 def test_without_surroundings_the_same_state_is_seen():
-    env, bare = OvercookedEnv(), OvercookedEnv(surroundings=False)
+    env, bare = OvercookedEnv(surroundings=True), OvercookedEnv()
     observation, fewer = env.reset()[0], bare.reset()[0]
     assert observation[: len(fewer)].tolist() == fewer.tolist()
 
 
 def test_a_soup_from_onion_to_delivery():
-    env = OvercookedEnv("cramped_room")
+    env = OvercookedEnv("cramped_room", surroundings=True)
     view = seen(env, env.reset()[0])
     assert (view["x_0"], view["y_0"], view["x_1"], view["y_1"]) == (1, 2, 3, 1)
     assert DIRECTIONS[view["facing_0"]] == "north"
@@ -210,7 +210,7 @@ def test_a_soup_from_onion_to_delivery():
 
 
 def test_things_on_counters_are_seen():
-    env = OvercookedEnv("cramped_room")
+    env = OvercookedEnv("cramped_room", surroundings=True)
     env.reset()
     view = seen(env, play(env, "north", "west", "interact", "north", "interact")[0])
     assert FRONT[view["front_0"]] == "onion"
@@ -222,7 +222,7 @@ def test_things_on_counters_are_seen():
 
 
 def test_the_other_player_is_in_the_way():
-    env = OvercookedEnv("cramped_room")
+    env = OvercookedEnv("cramped_room", surroundings=True)
     env.reset()
     view = seen(env, play(env, "north", "east", "east")[0])
     assert (view["x_0"], view["y_0"]) == (2, 1)

@@ -52,7 +52,7 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
     """A game of two players for `horizon` steps, then truncated.
 
     Action: one of `ACTIONS` for each player, `MultiDiscrete([6, 6])`. Observation: see
-    `tvae.envs.overcooked_features`; without `surroundings` only what describes the state. Reward: 20 a soup
+    `tvae.envs.overcooked_features`; with `surroundings` also what follows from the state. Reward: 20 a soup
     delivered. Info: `soups` delivered so far, and the players' positions `x_0`, `y_0`, `x_1`, `y_1` in cells from
     the top left corner. Every episode starts in the same state.
 
@@ -74,7 +74,7 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
         layout: str = "coordination_ring",
         horizon: int = 400,
         *,
-        surroundings: bool = True,
+        surroundings: bool = False,
         render_mode: str | None = None,
     ) -> None:
         if layout not in LAYOUTS:
@@ -130,7 +130,7 @@ class OvercookedEnv(gymnasium.Env[IntArray, IntArray]):
 
 
 def overcooked_demonstrations(
-    path: Path, layouts: Sequence[str] | None = None, *, surroundings: bool = True
+    path: Path, layouts: Sequence[str] | None = None, *, surroundings: bool = False
 ) -> Demonstrations:
     """The recorded games of real people in `layouts` (all five by default), replayed in the simulator.
 

@@ -89,9 +89,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
     return Recipe(
         title="Overcooked, coordination ring, human pairs",
         demonstrations=lambda: segment(
-            module.with_seats_exchanged(
-                module.overcooked_demonstrations(path, ["coordination_ring"], surroundings=False)
-            ),
+            module.with_seats_exchanged(module.overcooked_demonstrations(path, ["coordination_ring"])),
             200,
             stride=50,
             minimum=100,
@@ -118,11 +116,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
             seed=seed,
             group="pair",
         ),
-        arena=Arena(
-            "tvae/Overcooked-v0",
-            {"layout": "coordination_ring", "horizon": 400, "surroundings": False},
-            episodes=100,
-        ),
+        arena=Arena("tvae/Overcooked-v0", {"layout": "coordination_ring", "horizon": 400}, episodes=100),
     )
 
 
