@@ -81,7 +81,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
     """16 human games on the coordination ring, from both seats, in overlapping segments; pairs are held out whole.
 
     Next states nearly follow from the present ones here; what z tells shows in where the players will be 8 steps later,
-    and the weight of the next state is small. That likelihood counts the same evidence several times, and so does the
+    and the weight of the next state is small. That likelihood counts the same evidence up to 8 times, and so does the
     KL term.
     """
     path = _there(data or OVERCOOKED_DATA)
@@ -109,7 +109,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
                 batch_size=16,
                 learning_rate=5e-3,
                 state_weight=0.1,
-                kl_points=((0.0, 4.0),),
+                kl_points=((0.0, 8.0),),
                 patience=1_000,
                 held_out=0.1,
             ),
