@@ -16,7 +16,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
 from tvae.experiments.benchmark.methods import METHODS
 from tvae.experiments.benchmark.stored import asked_of, name_of, require_one_table, stored
-from tvae.experiments.benchmark.table import COLUMNS, markdown, summaries, write_csv
+from tvae.experiments.benchmark.table import COLUMNS, markdown, summaries, title, write_csv
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.progress import counting
 from tvae.figures.benchmark import Bar, benchmark_figure
@@ -121,8 +121,8 @@ def write(plan: Plan) -> None:
             if name not in {"worst_success", "coverage"}:
                 continue
             bars = [
-                Bar(METHODS[method].title, found[name]["mean"], found[name]["ci95"])
-                for method, found in methods.items()
+                Bar(title(method, found), found[name]["mean"], found[name]["ci95"]) for method, found in methods.items()
             ]
             panels[f"{task.capitalize()}: {'worst success' if name == 'worst_success' else head}"] = bars
-    save(benchmark_figure(panels), plan.out / "benchmark")
+    caption = "dots: means over seeds, lines: 95 % intervals; open: one seed; †: cannot be asked for a style"
+    save(benchmark_figure(panels, caption=caption), plan.out / "benchmark")

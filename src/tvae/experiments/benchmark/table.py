@@ -45,6 +45,8 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
     ),
 }
 """Head, number and decimals of each column."""
+_COSTS = {"env_steps", "train_seconds", "ms_per_action"}
+"""Told by their means alone."""
 _HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit"}
 
 
@@ -82,7 +84,7 @@ def markdown(runs: Runs, command: str) -> str:
         "# Benchmark",
         "",
         "Means with 95 % intervals (Student's t) over the seeds that a row names; none where there is one seed, or",
-        "where all show the same digits.",
+        "where all show the same digits, and none of steps and times.",
         f"{budget['episodes']:,} fresh episodes of each bot, the same demonstrations and worlds for all.{limit}",
         "`docs/benchmark.md` says what each number means. Last added to by:",
         "",
@@ -98,12 +100,15 @@ def markdown(runs: Runs, command: str) -> str:
         lines += ["", f"## {task.capitalize()}", "", f"| method | learns from | seeds | {heads} |"]
         lines.append(f"|---|---|---{'|---' * len(COLUMNS[task])}|")
         for method, summary in methods.items():
-            mark = "" if summary["asked"]["mean"] else " †"
-            entry = METHODS[method]
             seeds = ", ".join(str(run["cell"]["seed"]) for run in runs[task][method])
-            said = " | ".join(_said(summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
-            lines.append(f"| {entry.title}{mark} | {_needs(entry)} | {seeds} | {said} |")
+            said = " | ".join(_said(name, summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
+            lines.append(f"| {title(method, summary)} | {_needs(METHODS[method])} | {seeds} | {said} |")
     return "\n".join(lines) + "\n"
+
+
+def title(method: str, summary: Mapping[str, Any]) -> str:
+    """A method's name, with a mark where it cannot be asked for a style."""
+    return f"{METHODS[method].title}{'' if summary['asked']['mean'] else ' †'}"
 
 
 def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -122,8 +127,9 @@ def _needs(entry: Entry) -> str:
     return ", ".join(need.value for need in entry.needs) or "demonstrations"
 
 
-def _said(number: Mapping[str, Any] | None, decimals: int) -> str:
+def _said(name: str, number: Mapping[str, Any] | None, decimals: int) -> str:
     if number is None:
         return ""
-    mean, *ends = (f"{value:,.{decimals}f}" for value in (number["mean"], *(number["ci95"] or ())))
+    interval = () if name in _COSTS else number["ci95"] or ()
+    mean, *ends = (f"{value:,.{decimals}f}" for value in (number["mean"], *interval))
     return f"{mean} [{', '.join(ends)}]" if set(ends) - {mean} else mean
