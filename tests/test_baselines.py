@@ -11,17 +11,17 @@ import torch
 
 from toys import ACTIONS, noise, rows, two_styles
 from tvae.baselines.act import ActionChunks
-from tvae.baselines.chunks import ChunkPolicy
+from tvae.baselines.chunks import ChunkData, ChunkPolicy
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
 from tvae.baselines.contract import Bots, Envs, Lesson, Method, World
 from tvae.baselines.counting import StepCounter
 from tvae.baselines.dagger import corrected
 from tvae.baselines.descending import Descent
-from tvae.baselines.flow import FlowMatching, read_back
+from tvae.baselines.flow import FlowMatching, FlowNetwork, read_back
 from tvae.baselines.from_observation import CloningFromObservation, InverseModel
 from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
-from tvae.baselines.policies import positions
+from tvae.baselines.policies import MovingTrunk, positions
 from tvae.baselines.practice import Practice
 from tvae.baselines.senses import Senses
 from tvae.baselines.state_vae import StateTrajectoryVAE
@@ -208,6 +208,36 @@ def test_a_chunk_is_asked_for_when_the_last_is_used_up():
     values = [policy.act(np.zeros((2, 1))) for _ in range(5)]
     raw = network.senses.actions.raw(torch.tensor([[1.0], [1.0], [2.0], [2.0], [3.0]]))
     np.testing.assert_allclose(np.stack(values)[:, 0], raw.numpy(), rtol=1e-6)
+
+
+def test_a_trunk_that_sees_the_last_change_sees_it_step_by_step_too():
+    trunk = MovingTrunk(3, 2, 8)
+    inputs, z = torch.randn(4, 6, 3), torch.randn(4, 2)
+    whole, _ = trunk(inputs, z)
+    memory, steps = None, []
+    for step in range(6):
+        features, memory = trunk(inputs[:, step : step + 1], z, memory)
+        steps.append(features)
+    torch.testing.assert_close(torch.cat(steps, dim=1), whole)
+    # the other way through the same states
+    assert not torch.allclose(trunk(inputs.flip(1), z)[0].flip(1)[:, 2], whole[:, 2])
+
+
+def test_behind_the_end_of_an_episode_its_last_action_goes_on():
+    demonstrations = two_styles(4)
+    data = ChunkData(demonstrations, Senses.fit(demonstrations), num_actions=3)
+    chunk = data.at(np.array([0, len(data) - 2]))
+    assert chunk.valid.tolist() == [[True, True, True], [True, True, False]]
+    assert chunk.actions[1, 2] == chunk.actions[1, 1] != chunk.actions[1, 0]
+
+
+def test_small_turns_are_stretched_before_noise_is_added():
+    demonstrations = circle_demonstrations(12)
+    network = FlowNetwork(Senses.fit(demonstrations), num_actions=2, hidden_features=4, num_euler_steps=2)
+    network.calibrate(demonstrations)
+    turns = np.sin(demonstrations.actions[:, 0])
+    assert network.reach[1].item() == pytest.approx(np.ptp(turns) / 2, rel=1e-4)
+    assert network.centre[1].item() == pytest.approx((turns.max() + turns.min()) / 2, abs=1e-4)
 
 
 def test_values_are_read_back_from_their_features():

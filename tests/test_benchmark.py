@@ -158,11 +158,32 @@ def test_all_files_hold_all_cells(plan: Plan):
         (method, seed) for method in ("walk", "walk_attacking") for seed in ("100", "101")
     }
     page = (plan.out / "README.md").read_text()
-    assert "| Straight walk † | demonstrations | 0.000 [0.000, 0.000] |" in page
+    assert "| Straight walk † | demonstrations | 100, 101 | 0.000 | " in page  # all seeds agree: no interval
     assert "a trial only" in page
     assert page.index("Straight walk †") < page.index("Straight walk, attacks in range †")
     assert (plan.out / "benchmark.png").stat().st_size > 1000
     assert (plan.out / "benchmark.svg").exists()
+
+
+def test_the_table_holds_what_earlier_plans_made(plan: Plan, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "make", in_this_process)
+    benchmark(replace(plan, seeds=(101,), methods=("walk",)), jobs=1, force=False, console=QUIET)
+    benchmark(replace(plan, seeds=(100,)), jobs=1, force=False, console=QUIET)
+    page = (plan.out / "README.md").read_text()
+    assert "| Straight walk † | demonstrations | 100, 101 | 0.000 | " in page
+    assert "| Straight walk, attacks in range † | demonstrations | 100 | " in page
+
+
+def test_cells_of_one_table_are_made_alike(plan: Plan, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "make", in_this_process)
+    first = replace(plan, seeds=(100,))
+    benchmark(first, jobs=1, force=False, console=QUIET)
+    longer = replace(plan, seeds=(101,), budget=Budget(2, 30))
+    with pytest.raises(CellError, match="episodes is 20 in zombie, walk, seed 100, but 30 in zombie, walk, seed 101"):
+        benchmark(replace(longer, methods=("walk",)), jobs=1, force=False, console=QUIET)
+    assert not longer.cells("zombie", "walk")[0].numbers.exists()
+    benchmark(replace(longer, seeds=(100,)), jobs=1, force=True, console=QUIET)
+    assert "30 fresh episodes" in (plan.out / "README.md").read_text()
 
 
 def test_what_there_is_not_is_said(tmp_path: Path):
@@ -173,7 +194,9 @@ def test_what_there_is_not_is_said(tmp_path: Path):
     with pytest.raises(TvaeError, match="at least one seed"):
         Plan(tmp_path, ())
     with pytest.raises(TvaeError, match="none of walk plays circle"):
-        write(Plan(tmp_path, (0,), ("circle",), ("walk",)))
+        Plan(tmp_path, (0,), ("circle",), ("walk",))
+    with pytest.raises(TvaeError, match="no cell under"):
+        write(Plan(tmp_path, (0,)))
 
 
 def test_a_failing_cell_says_which_it_is(plan: Plan, monkeypatch: pytest.MonkeyPatch):
@@ -188,7 +211,11 @@ def test_a_failing_cell_says_which_it_is(plan: Plan, monkeypatch: pytest.MonkeyP
 
 def test_the_figure_shows_every_method_and_its_interval():
     bars = [Bar("walk", 0.0, None), Bar("ours", 0.9, (0.8, 1.2))]
-    figure = benchmark_figure({"a": bars, "b": bars, "c": bars[:1]})
+    figure = benchmark_figure({"a": bars, "b": bars, "c": bars[:1]}, caption="open: one seed")
     assert [len(axes.lines) for axes in figure.axes] == [2, 2, 1]
+    one_seed, several = figure.axes[0].lines
+    assert one_seed.get_markerfacecolor() != one_seed.get_color()
+    assert several.get_markerfacecolor() == several.get_color()
+    assert figure.get_supxlabel() == "open: one seed"
     with pytest.raises(ValueError, match="at least one panel"):
         benchmark_figure({})

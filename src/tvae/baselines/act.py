@@ -4,7 +4,8 @@ Source: Zhao et al., "Learning fine-grained bimanual manipulation with low-cost 
 2304.13705): q(z | x_t, a_t:t+k), pi(a_t:t+k | x_t, z), KL weight 10 on a loss that is a mean over the chunk, z = 0
 when acting, so that no style can be asked for. Deviations: MLPs instead of transformers; x_t holds the last change of
 state besides the state; the log-likelihood of heads instead of an L1 distance, which angles and rare events do not
-have; actions are drawn from the heads; chunks are taken one after another, without averaging those that overlap.
+have; actions are drawn from the heads; a new chunk is asked for in each step, as there, but the newest is taken as it
+is, without averaging those that overlap.
 """
 
 from __future__ import annotations
@@ -82,8 +83,10 @@ class ChunkVAE(nn.Module):
 class ActionChunks:
     """ACT-like cloning of chunks."""
 
-    num_actions: int = 8
-    """k; all of them are taken."""
+    num_actions: int = 4
+    """k"""
+    num_taken: int = 1
+    """So many of them are taken before the next k are asked for."""
     latent_features: int = 8
     hidden_features: int = 128
     kl_weight: float = 10.0
@@ -112,4 +115,4 @@ class ActionChunks:
             batch_size=self.batch_size,
         )
         facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)}
-        return Bots(ChunkPolicy(network, self.num_actions), facts=facts)
+        return Bots(ChunkPolicy(network, self.num_taken), facts=facts)

@@ -32,7 +32,7 @@ class Chunk:
     inputs: Float[Tensor, "B X"]
     """x_t"""
     actions: Float[Tensor, "B K A"]
-    """The next k actions, as values."""
+    """The next k actions, as values; behind the end of an episode the last one again."""
     valid: Bool[Tensor, "B K"]
     """Which of them there are: an episode may end before."""
 
@@ -65,10 +65,9 @@ class ChunkData:
 
     def at(self, moments: IntArray) -> Chunk:
         """The moments at these positions."""
-        ahead = np.arange(self._num_actions)
-        valid = ahead < self._left[moments][:, None]
-        index = np.where(valid, moments[:, None] + ahead, moments[:, None])
-        return Chunk(self._inputs[moments], self._actions[index], torch.from_numpy(valid))
+        ahead, left = np.arange(self._num_actions), self._left[moments][:, None]
+        index = moments[:, None] + np.minimum(ahead, left - 1)
+        return Chunk(self._inputs[moments], self._actions[index], torch.from_numpy(ahead < left))
 
     def drawn(self, count: int) -> Chunk:
         """Moments at random, by torch's generator."""

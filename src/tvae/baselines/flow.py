@@ -6,8 +6,9 @@ and noise e, y_u = (1 - u) e + u a, 0 <= u <= 1, and v is fitted to its directio
 
     L = E || v(y_u, u, x_t) - (a - e) ||^2;     acting: y_0 ~ N(0, I), y <- y + v(y, u, x_t) / n, n times.
 
-Actions are carried as numbers, angles as (cos, sin), binary ones as +-1, categories as one-hot; the end is read back
-by atan2, sign and the largest. The mode is drawn anew with each chunk: no style can be asked for, none persists.
+Actions are carried as numbers, angles as (cos, sin), binary ones as +-1, categories as one-hot, each stretched so that
+demonstrators fill -1 .. 1, as in the source: a turn of a few degrees is not lost in the noise. The end is read back by
+atan2, sign and the largest. The mode is drawn anew with each chunk: no style can be asked for, none persists.
 Deviation: an MLP instead of a U-net or a transformer.
 """
 
@@ -24,6 +25,8 @@ from tvae.baselines.chunks import Chunk, ChunkPolicy, learn_chunks
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
 from tvae.baselines.senses import Senses
+from tvae.data.demonstrations import Demonstrations
+from tvae.data.ragged import ranges
 from tvae.device import seeded
 from tvae.spaces import Space
 
@@ -52,6 +55,11 @@ def read_back(space: Space, features: Float[Tensor, "*batch F"]) -> Float[Tensor
 class FlowNetwork(nn.Module):
     """v(y, u, x_t), and the actions that it leads to."""
 
+    centre: Tensor
+    """(F,) half-way between the least and the largest of each feature of demonstrators' actions."""
+    reach: Tensor
+    """(F,) from there to either."""
+
     def __init__(self, senses: Senses, *, num_actions: int, hidden_features: int, num_euler_steps: int) -> None:
         super().__init__()
         self.senses = senses
@@ -67,6 +75,16 @@ class FlowNetwork(nn.Module):
             nn.SiLU(),
             nn.Linear(hidden_features, self.width),
         )
+        self.register_buffer("centre", torch.zeros(senses.actions.num_features))
+        self.register_buffer("reach", torch.ones(senses.actions.num_features))
+
+    def calibrate(self, demonstrations: Demonstrations) -> None:
+        """Measure how far actions reach; a feature that never changes keeps its unit."""
+        rows = demonstrations.actions[ranges(demonstrations.action_starts, demonstrations.lengths)]
+        features = self.senses.actions.features(self.senses.actions.values(torch.from_numpy(rows).float()))
+        least, largest = features.amin(0), features.amax(0)
+        self.centre.copy_((largest + least) / 2)
+        self.reach.copy_(torch.where(largest - least > 1e-6, (largest - least) / 2, 1.0))
 
     def forward(
         self, y: Float[Tensor, "N W"], u: Float[Tensor, "N 1"], inputs: Float[Tensor, "N X"]
@@ -76,13 +94,11 @@ class FlowNetwork(nn.Module):
         return self.field(torch.cat([y, angles.cos(), angles.sin(), inputs], dim=-1))
 
     def loss(self, chunk: Chunk) -> Float[Tensor, ""]:
-        """L, over the actions that there are."""
-        target = self.senses.actions.features(chunk.actions)
-        valid = chunk.valid[..., None].expand_as(target).flatten(1)
-        target = target.flatten(1)
+        """L; behind the end of an episode its last action goes on, as in the source."""
+        target = ((self.senses.actions.features(chunk.actions) - self.centre) / self.reach).flatten(1)
         noise, u = torch.randn_like(target), torch.rand(len(target), 1)
         found = self((1 - u) * noise + u * target, u, chunk.inputs)
-        return ((found - (target - noise)).square() * valid).sum() / valid.sum()
+        return (found - (target - noise)).square().mean()
 
     def propose(self, inputs: Float[Tensor, "N X"]) -> Float[Tensor, "N K A"]:
         """Noise, carried to actions by Euler's method."""
@@ -90,7 +106,8 @@ class FlowNetwork(nn.Module):
         for step in range(self.num_euler_steps):
             u = torch.full((len(inputs), 1), step / self.num_euler_steps)
             y = y + self(y, u, inputs) / self.num_euler_steps
-        return read_back(self.senses.actions.space, y.unflatten(-1, (self.num_actions, -1)))
+        features = self.centre + self.reach * y.unflatten(-1, (self.num_actions, -1))
+        return read_back(self.senses.actions.space, features)
 
 
 @dataclass(frozen=True)
@@ -115,6 +132,7 @@ class FlowMatching:
                 hidden_features=self.hidden_features,
                 num_euler_steps=self.num_euler_steps,
             )
+        network.calibrate(lesson.demonstrations)
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
         learn_chunks(
             network,

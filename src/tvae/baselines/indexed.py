@@ -33,6 +33,8 @@ class IndexedCloning:
     num_components: int = 2
     num_steps: int = 4_000
     learning_rate: float = 5e-3
+    table_speed: float = 0.3
+    """Rate of the table in that of the policy: a fast one learns each trajectory by heart, and no style."""
 
     def learn(self, lesson: Lesson) -> Bots:
         """Bots with the codes of training trajectories."""
@@ -41,14 +43,14 @@ class IndexedCloning:
             trunk = ReactiveTrunk(senses.num_features, self.latent_features, self.hidden_features)
             network = PolicyNetwork(senses, trunk, num_components=self.num_components)
             table = nn.Embedding(len(lesson.demonstrations), self.latent_features)
-            nn.init.normal_(table.weight, std=0.1)  # near each other, so that what differs is learnt
+            nn.init.normal_(table.weight, std=0.1 / self.table_speed)  # near each other: what differs is learnt
         network.add_module("table", table)
 
         def code_of(episodes: IntArray, batch: TrajectoryBatch) -> Tensor:
-            return table(torch.from_numpy(episodes))
+            return self.table_speed * table(torch.from_numpy(episodes))
 
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
         clone(network, lesson.demonstrations, code_of, descent, seed=lesson.seed, held_out=0.0)
-        codes = table.weight.detach().double().numpy()
+        codes = (self.table_speed * table.weight.detach()).double().numpy()
         facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(network)}
         return coded_bots(network, codes, lesson, facts)

@@ -23,7 +23,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.distributions import RowDistribution
 from tvae.heads import Head
-from tvae.model.trunks import Memory, Trunk
+from tvae.model.trunks import LARGEST, Memory, Trunk
 from tvae.spaces import FloatArray, IntArray
 
 ACTION_FLOOR = 0.02
@@ -54,8 +54,34 @@ class MemorylessTrunk(Trunk):
         self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
     ) -> tuple[Float[Tensor, "B T F"], Memory]:
         joined = torch.cat([inputs, z[:, None].expand(-1, inputs.shape[1], -1)], dim=-1)
-        nothing = inputs.new_zeros(1, len(inputs), 0)
-        return self.layers(joined), Memory(nothing, nothing, inputs[:, -1:])
+        return self.layers(joined), _only(inputs[:, -1:])
+
+
+class MovingTrunk(Trunk):
+    """An MLP over [s_t; d_t; z], d_t the last change of s as in `ReactiveTrunk`: what came before it is not seen.
+
+    >>> features, _ = MovingTrunk(3, 2, 8)(torch.zeros(5, 7, 3), torch.zeros(5, 2))
+    >>> features.shape[-1]
+    8
+    """
+
+    def __init__(self, in_features: int, latent_features: int, hidden_features: int) -> None:
+        super().__init__(in_features, hidden_features)
+        self.momentary = MemorylessTrunk(2 * in_features, latent_features, hidden_features)
+
+    def forward(
+        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
+    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        last = inputs[:, :1] if memory is None else memory.last
+        changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-LARGEST, LARGEST)
+        features, _ = self.momentary(torch.cat([inputs, changes], dim=-1), z)
+        return features, _only(inputs[:, -1:])
+
+
+def _only(last: Tensor) -> Memory:
+    """Nothing but the last input."""
+    nothing = last.new_zeros(1, len(last), 0)
+    return Memory(nothing, nothing, last)
 
 
 class PolicyNetwork(nn.Module):

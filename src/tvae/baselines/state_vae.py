@@ -1,4 +1,4 @@
-"""A trajectory VAE whose encoder reads states alone, with a policy and a dynamics model that remember nothing.
+"""A trajectory VAE whose encoder reads states alone, with a policy and a dynamics model that remember one state.
 
 Source: Wang et al., "Robust imitation of diverse behaviors" (NeurIPS 2017, arXiv 1707.02747), its first stage,
 without the adversarial one: q(z | s_1:T) by a bidirectional LSTM, pi(a_t | s_t, z) by an MLP, p(s_t+1 | s_t, z), and
@@ -6,8 +6,8 @@ without the adversarial one: q(z | s_1:T) by a bidirectional LSTM, pi(a_t | s_t,
     L = - E_q[ sum_t log pi(a_t | s_t, z) + log p(s_t+1 | s_t, z) ] + KL(q(z | s_1:T) || N(0, I)).
 
 At will, z is the posterior's mean of a training trajectory drawn for each episode; a style is asked for by the
-trajectories that carry its label. Deviations: a mixture as the next state's law instead of a WaveNet over its
-columns.
+trajectories that carry its label. The source's states hold speeds; so s_t is [s_t; d_t] here, d_t the last change.
+Deviation: a mixture as the next state's law instead of a WaveNet over its columns.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from torch.distributions import Normal
 
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import MemorylessTrunk, PolicyNetwork, coded_bots, positions
+from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots, positions
 from tvae.baselines.senses import Senses
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
@@ -43,12 +43,13 @@ class StateVAE(nn.Module):
     def __init__(self, senses: Senses, *, latent_features: int, hidden_features: int, num_components: int) -> None:
         super().__init__()
         self.encoder = Encoder(senses.num_features, latent_features, hidden_features)
-        trunk = MemorylessTrunk(senses.num_features, latent_features, hidden_features)
+        trunk = MovingTrunk(senses.num_features, latent_features, hidden_features)
         self.policy = PolicyNetwork(senses, trunk, num_components=num_components)
-        self.dynamics = MemorylessTrunk(senses.num_features, latent_features, hidden_features)
+        self.dynamics = MovingTrunk(senses.num_features, latent_features, hidden_features)
         self.next_state = Head(
             senses.observations.space, hidden_features, floor=_STATE_FLOOR, num_components=num_components
         )
+        self.dynamics.unit.copy_(senses.unit)
         self.prior = StandardNormal(latent_features)
 
     def calibrate(self, demonstrations: Demonstrations) -> None:
@@ -88,7 +89,7 @@ class StateTrajectoryVAE:
     hidden_features: int = 64
     num_components: int = 3
     num_steps: int = 3_000
-    learning_rate: float = 3e-3
+    learning_rate: float = 5e-3
 
     def learn(self, lesson: Lesson) -> Bots:
         """Bots with the posterior means of training trajectories."""

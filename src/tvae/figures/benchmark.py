@@ -1,4 +1,4 @@
-"""Methods side by side: a panel for each number, a dot with its interval for each method."""
+"""Methods side by side: a panel for each number, a dot with its interval for each method, an open one for one seed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tvae.figures.canvas import SMALL_TEXT_SIZE, new_figure, plain_axes
-from tvae.figures.palette import INK, RULE, STYLE_COLOURS
+from tvae.figures.palette import INK, MUTED, PAPER, RULE, STYLE_COLOURS
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Bar:
     interval: Sequence[float] | None
 
 
-def benchmark_figure(panels: Mapping[str, Sequence[Bar]]) -> Figure:
-    """Two panels a row, all between 0 and 1, the methods from top to bottom.
+def benchmark_figure(panels: Mapping[str, Sequence[Bar]], *, caption: str = "") -> Figure:
+    """Two panels a row, all between 0 and 1, the methods from top to bottom; a caption below.
 
     >>> figure = benchmark_figure({"Zombie: worst success": [Bar("walk", 0.0, None), Bar("T-VAE", 0.99, (0.98, 1.0))]})
     >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
@@ -41,8 +41,10 @@ def benchmark_figure(panels: Mapping[str, Sequence[Bar]]) -> Figure:
             if bar.interval is not None:
                 low, high = np.clip(bar.interval, 0, 1)
                 axes.hlines(place, low, high, color=INK, linewidth=1.4)
-            axes.plot(bar.mean, place, "o", color=STYLE_COLOURS[0], markersize=4)
+            inside = PAPER if bar.interval is None else STYLE_COLOURS[0]
+            axes.plot(bar.mean, place, "o", color=STYLE_COLOURS[0], markerfacecolor=inside, markersize=4)
         axes.set_yticks(places, [bar.name for bar in bars], size=SMALL_TEXT_SIZE, color=INK)
         axes.set_ylim(len(bars) - 0.5, -0.5)
         axes.set_xlim(-0.03, 1.03)
+    figure.supxlabel(caption, size=SMALL_TEXT_SIZE, color=MUTED, parse_math=False)
     return figure

@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 from tvae.errors import TvaeError
 from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
 from tvae.experiments.benchmark.methods import METHODS
-from tvae.experiments.benchmark.table import COLUMNS, Runs, markdown, summaries, write_csv
+from tvae.experiments.benchmark.stored import asked_of, name_of, require_one_table, stored
+from tvae.experiments.benchmark.table import COLUMNS, markdown, summaries, title, write_csv
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.progress import counting
 from tvae.figures.benchmark import Bar, benchmark_figure
@@ -28,9 +29,10 @@ class Plan:
     """What to compare, where, and how thoroughly.
 
     OUT/cells/TASK/METHOD/seed-K/metrics.json holds a cell, OUT/README.md, OUT/benchmark.csv and OUT/benchmark.png
-    (and .svg) what comes of all of them.
+    (and .svg) what comes of all that are there, also those of earlier plans.
 
-    Raises `TvaeError` for a task or a method that there is not; the message says which there are.
+    Raises `TvaeError` for a task or a method that there is not, and where there is nothing to do; the message says
+    which there are.
     """
 
     out: Path
@@ -48,6 +50,8 @@ class Plan:
                 raise TvaeError(f"there is no {what} {', '.join(unknown)}; there are: {', '.join(there)}")
         if not self.seeds:
             raise TvaeError("a benchmark needs at least one seed, got none")
+        if not self.all_cells():
+            raise TvaeError(f"none of {', '.join(self.methods)} plays {', '.join(self.tasks)}")
 
     def methods_of(self, task: str) -> list[str]:
         """Those of the methods that play this task, in the order of the table."""
@@ -68,10 +72,14 @@ class Plan:
 def benchmark(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
     """Do all of `plan`, `jobs` cells at a time, each on one core; with `force` make its cells anew.
 
-    Raises `CellError` before anything is learnt where a stored cell is another one than asked for.
+    Raises `CellError` before anything is learnt where a stored cell is another one than asked for, or where all cells
+    would not stand in one table.
     """
     cells = plan.all_cells()
     waiting = cells if force else [cell for cell in cells if not cell.is_measured()]
+    made_anew = {cell.name for cell in waiting}
+    kept = [asked for asked in asked_of(stored(plan.out)) if name_of(asked) not in made_anew]
+    require_one_table([*kept, *(cell.asked for cell in waiting)])
     console.print(f"{len(cells)} cells, {len(cells) - len(waiting)} of them done already")
     make(waiting, jobs=jobs, console=console)
     write(plan)
@@ -100,15 +108,10 @@ def _make(cell: BenchmarkCell) -> None:
 
 
 def write(plan: Plan) -> None:
-    """`README.md`, `benchmark.csv` and the figure, from the cells."""
-    runs: Runs = {
-        task: {method: [cell.read() for cell in plan.cells(task, method)] for method in plan.methods_of(task)}
-        for task in plan.tasks
-        if plan.methods_of(task)
-    }
+    """`README.md`, `benchmark.csv` and the figure, from all cells that there are, those of earlier plans too."""
+    runs = stored(plan.out)
     if not runs:
-        raise TvaeError(f"none of {', '.join(plan.methods)} plays {', '.join(plan.tasks)}")
-    plan.out.mkdir(parents=True, exist_ok=True)
+        raise TvaeError(f"there is no cell under {plan.out / 'cells'}")
     write_csv(runs, plan.out / "benchmark.csv")
     with appearing(plan.out / "README.md", overwrite=True) as partial:
         partial.write_text(markdown(runs, plan.command), encoding="utf-8")
@@ -118,8 +121,8 @@ def write(plan: Plan) -> None:
             if name not in {"worst_success", "coverage"}:
                 continue
             bars = [
-                Bar(METHODS[method].title, found[name]["mean"], found[name]["ci95"])
-                for method, found in methods.items()
+                Bar(title(method, found), found[name]["mean"], found[name]["ci95"]) for method, found in methods.items()
             ]
             panels[f"{task.capitalize()}: {'worst success' if name == 'worst_success' else head}"] = bars
-    save(benchmark_figure(panels), plan.out / "benchmark")
+    caption = "dots: means over seeds, lines: 95 % intervals; open: one seed; †: cannot be asked for a style"
+    save(benchmark_figure(panels, caption=caption), plan.out / "benchmark")

@@ -15,6 +15,7 @@ import tvae
 from tvae.baselines.contract import Lesson, Method
 from tvae.experiments.benchmark.measures import measure
 from tvae.experiments.benchmark.methods import METHODS
+from tvae.experiments.benchmark.stored import name_of
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError, commit
 from tvae.experiments.reproduction.studies import STUDIES
@@ -50,7 +51,7 @@ class BenchmarkCell:
     @property
     def name(self) -> str:
         """As progress shows it."""
-        return f"{self.task}, {self.method}, seed {self.seed}"
+        return name_of({"task": self.task, "method": self.method, "seed": self.seed})
 
     @property
     def numbers(self) -> Path:
@@ -62,20 +63,22 @@ class BenchmarkCell:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """All that its numbers depend on, but for the code."""
-        return {
+        """All that its numbers depend on, but for the code; as JSON gives it back."""
+        asked = {
             "method": self.method,
             "task": self.task,
             "seed": self.seed,
             **asdict(self.budget),
             "config": hyperparameters(self._made()),
         }
+        found: dict[str, Any] = json.loads(json.dumps(asked))
+        return found
 
     def is_measured(self) -> bool:
         """Whether its numbers are there; `CellError` where they are of another cell than this."""
         if not self.numbers.exists():
             return False
-        there, asked = self.read()["cell"], json.loads(json.dumps(self.asked))
+        there, asked = self.read()["cell"], self.asked
         if there != asked:
             differing = sorted(name for name in {*there, *asked} if there.get(name) != asked.get(name))
             raise CellError(
@@ -94,11 +97,11 @@ class BenchmarkCell:
         try:
             study, task = STUDIES[self.task], TASKS[self.task]
             lesson = Lesson(study.demonstrations(self.seed), task.world, self.seed, self.budget.most_steps)
-            code, began = commit(), time.perf_counter()
+            code, began = commit(), time.process_time()
             with warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always", TrainingWarning)
                 bots = self._made().learn(lesson)
-            spent = {"train_seconds": time.perf_counter() - began, "env_steps": lesson.steps.count}
+            spent = {"train_seconds": time.process_time() - began, "env_steps": lesson.steps.count}
             test = study.test_demonstrations()
             found = measure(bots, task, test, episodes=self.budget.episodes, seed=self.seed)
             made = {

@@ -5,15 +5,13 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.experiments.benchmark.measures import flat
 from tvae.experiments.benchmark.methods import METHODS, Entry
+from tvae.experiments.benchmark.stored import Runs
 from tvae.files import appearing
-
-Runs: TypeAlias = Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]
-"""By task, then by method: the numbers of each seed."""
 
 _EVERYWHERE = (
     ("controllability", "worst_controllability", 2),
@@ -47,6 +45,8 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
     ),
 }
 """Head, number and decimals of each column."""
+_COSTS = {"env_steps", "train_seconds", "ms_per_action"}
+"""Told by their means alone."""
 _HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit"}
 
 
@@ -80,13 +80,13 @@ def markdown(runs: Runs, command: str) -> str:
     cells = [run for methods in runs.values() for seeds in methods.values() for run in seeds]
     budget = cells[0]["cell"]
     limit = "" if budget["most_steps"] is None else f" **At most {budget['most_steps']} gradient steps: a trial only.**"
-    seeds = sorted({run["cell"]["seed"] for run in cells})
     lines = [
         "# Benchmark",
         "",
-        f"Means over seeds {', '.join(map(str, seeds))} with 95 % intervals (Student's t), {budget['episodes']} fresh",
-        f"episodes of each bot, the same demonstrations and worlds for all methods.{limit}",
-        "`docs/benchmark.md` says what each number means. Made by:",
+        "Means with 95 % intervals (Student's t) over the seeds that a row names; none where there is one seed, or",
+        "where all show the same digits, and none of steps and times.",
+        f"{budget['episodes']:,} fresh episodes of each bot, the same demonstrations and worlds for all.{limit}",
+        "`docs/benchmark.md` says what each number means. Last added to by:",
         "",
         "```",
         command,
@@ -97,14 +97,18 @@ def markdown(runs: Runs, command: str) -> str:
     ]
     for task, methods in found.items():
         heads = " | ".join(head for head, _, _ in COLUMNS[task])
-        lines += ["", f"## {task.capitalize()}", "", f"| method | learns from | {heads} |"]
-        lines.append(f"|---{'|---' * (1 + len(COLUMNS[task]))}|")
+        lines += ["", f"## {task.capitalize()}", "", f"| method | learns from | seeds | {heads} |"]
+        lines.append(f"|---|---|---{'|---' * len(COLUMNS[task])}|")
         for method, summary in methods.items():
-            mark = "" if summary["asked"]["mean"] else " †"
-            entry = METHODS[method]
-            said = " | ".join(_said(summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
-            lines.append(f"| {entry.title}{mark} | {_needs(entry)} | {said} |")
+            seeds = ", ".join(str(run["cell"]["seed"]) for run in runs[task][method])
+            said = " | ".join(_said(name, summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
+            lines.append(f"| {title(method, summary)} | {_needs(METHODS[method])} | {seeds} | {said} |")
     return "\n".join(lines) + "\n"
+
+
+def title(method: str, summary: Mapping[str, Any]) -> str:
+    """A method's name, with a mark where it cannot be asked for a style."""
+    return f"{METHODS[method].title}{'' if summary['asked']['mean'] else ' †'}"
 
 
 def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -123,9 +127,9 @@ def _needs(entry: Entry) -> str:
     return ", ".join(need.value for need in entry.needs) or "demonstrations"
 
 
-def _said(number: Mapping[str, Any] | None, decimals: int) -> str:
+def _said(name: str, number: Mapping[str, Any] | None, decimals: int) -> str:
     if number is None:
         return ""
-    ends = number["ci95"]
-    interval = "" if ends is None else f" [{', '.join(f'{end:.{decimals}f}' for end in ends)}]"
-    return f"{number['mean']:.{decimals}f}{interval}"
+    interval = () if name in _COSTS else number["ci95"] or ()
+    mean, *ends = (f"{value:,.{decimals}f}" for value in (number["mean"], *interval))
+    return f"{mean} [{', '.join(ends)}]" if set(ends) - {mean} else mean
