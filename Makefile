@@ -4,7 +4,7 @@ PIP = .venv/bin/pip install --quiet --quiet --disable-pip-version-check -c const
 export GOMP_SPINCOUNT = 2000
 export SDL_VIDEODRIVER ?= dummy
 
-.PHONY: demo test lint wheel clean
+.PHONY: demo test lint docs wheel clean
 
 demo: .venv/installed
 	OMP_NUM_THREADS=1 .venv/bin/tvae demo --out runs/demo --force
@@ -16,6 +16,10 @@ lint: .venv/installed-lint
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+
+# The site: open build/docs/index.html. A warning is an error.
+docs: .venv/installed-docs
+	.venv/bin/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
 
 # The wheel must work by itself, in an environment that has nothing else.
 wheel: .venv/installed-test
@@ -42,4 +46,8 @@ clean:
 
 .venv/installed-lint: .venv/installed-test
 	$(PIP) -e '.[lint]'
+	touch $@
+
+.venv/installed-docs: .venv/installed-test
+	$(PIP) -e '.[docs]'
 	touch $@
