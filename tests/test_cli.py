@@ -10,9 +10,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -75,6 +76,29 @@ def test_a_fit_leaves_everything_that_is_promised(run: Path) -> None:
     assert config["run"]["config"]["seed"] == 3
 
 
+def unexplained(metrics: dict[str, Any]) -> list[str]:
+    """Keys of a run's metrics that docs/metrics.md does not have."""
+    styles = metrics["playstyles"]["shares"]
+    page = (Path(__file__).parent.parent / "docs" / "metrics.md").read_text(encoding="utf-8")
+
+    def names(found: dict[str, Any], path: str = "") -> Iterator[str]:
+        for key, value in found.items():
+            name = "STYLE" if key in styles else "PART" if key in {"training", "held_out"} else key
+            name = "METRIC" if path == "ci95." else name
+            if isinstance(value, dict):
+                yield from names(value, f"{path}{name}.")
+            else:
+                yield path + name
+
+    return [name for name in names(metrics) if f"`{name}`" not in page]
+
+
+def test_every_metric_is_explained(run: Path) -> None:
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert unexplained(metrics) == []
+    assert unexplained({**metrics, "new": {"number": 1.0}}) == ["new.number"]
+
+
 def test_the_styles_table_has_one_row_per_episode(run: Path) -> None:
     styles = pq.read_table(run / "styles.parquet")
     assert styles.column_names == ["episode", "style", "probability", "z_0", "z_1", "log_likelihood_per_step"]
@@ -112,7 +136,9 @@ def test_evaluate_compares_with_the_model_without_a_latent(run: Path, tmp_path: 
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     call("evaluate", copy, "--episodes", "4", "--samples", "4", "--device", "cpu")
-    found = json.loads((copy / "metrics.json").read_text())["held_out_likelihood"]
+    metrics = json.loads((copy / "metrics.json").read_text())
+    assert unexplained(metrics) == []
+    found = metrics["held_out_likelihood"]
     low, high = found["difference"]["ci95"]
     assert low <= found["difference"]["mean"] <= high
     assert found["with_latent"] - found["without_latent"] == pytest.approx(found["difference"]["mean"])

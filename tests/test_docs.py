@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import importlib.util
 import re
 import subprocess
@@ -10,10 +11,12 @@ from pathlib import Path
 
 import pytest
 
+import tvae
 from tvae.cli import main
+from tvae.experiments.benchmark.table import COLUMNS
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -26,6 +29,15 @@ def test_python_blocks_run(page: Path) -> None:
     for block in blocks(page, "python"):
         exec(compile(block, page.name, "exec"), namespace)
     assert len(namespace) > 1 or not blocks(page, "python")
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "pycon")], ids=lambda page: page.name)
+def test_what_python_says_is_what_it_says(page: Path) -> None:
+    said: list[str] = []
+    examples = doctest.DocTestParser().get_doctest("\n".join(blocks(page, "pycon")), {}, page.name, str(page), 0)
+    found = doctest.DocTestRunner(verbose=False).run(examples, out=said.append)
+    assert found.attempted > 0
+    assert found.failed == 0, "".join(said)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -46,6 +58,22 @@ def test_links_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_api_pages_have_all_public_names() -> None:
+    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
+    for name in tvae._HOMES:
+        public = getattr(tvae, name)
+        assert f".. automodule:: {public.__module__}\n" in pages, name
+        assert f"<{public.__module__}.{name}>" in pages, name
+
+
+def test_metrics_of_the_benchmark_are_explained() -> None:
+    page = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    for task, columns in COLUMNS.items():
+        for _, number, _ in columns:
+            name = number if number.startswith("at_will.") else re.sub(r"\..*", ".STYLE", number)
+            assert f"`{name}`" in page, f"{task}: {number}"
 
 
 def test_numbers_are_those_of_the_results() -> None:
