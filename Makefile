@@ -19,7 +19,7 @@ lint: .venv/installed-lint
 
 # The site: open build/docs/index.html. A warning is an error.
 docs: .venv/installed-docs
-	.venv/bin/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
+	.venv/bin/sphinx-build --fresh-env --fail-on-warning --keep-going --quiet --builder html docs build/docs
 
 # The wheel must work by itself, in an environment that has nothing else.
 wheel: .venv/installed-test

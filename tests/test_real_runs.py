@@ -32,8 +32,6 @@ def test_real_data_becomes_a_report(task: str, env: str, measure: str, options: 
     metrics = json.loads((tmp_path / "run/metrics.json").read_text())
     assert all(value >= 0 for value in metrics[measure].values())
     assert (tmp_path / "run/report.html").stat().st_size > 10_000
-    explained = (Path(__file__).parent.parent / "docs" / "metrics.md").read_text()
-    assert [name for name in metrics if f"`{name}" not in explained] == []
 
 
 def test_overcooked_recipe_holds_out_whole_pairs() -> None:
