@@ -28,7 +28,7 @@ def spread(starts: IntArray, counts: IntArray) -> IntArray:
     Whole episodes are read, as what lies together comes from disk together; of these, again, evenly spaced rows if
     there are too many.
     """
-    every = -(-int(counts.sum()) // MOST_ROWS)
+    every = max(1, -(-int(counts.sum()) // MOST_ROWS))
     starts, counts = starts[::every], counts[::every]
     ends = np.cumsum(counts)
     total = int(ends[-1])
