@@ -7,9 +7,12 @@ import importlib.util
 import re
 import subprocess
 import sys
+from copy import deepcopy
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
 import tvae
 from tvae.cli import main
@@ -58,6 +61,24 @@ def test_links_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_notebook_runs_from_top_to_bottom() -> None:
+    stored = nbformat.read(ROOT / "examples" / "playstyles.ipynb", as_version=4)
+    again = deepcopy(stored)
+    NotebookClient(again, timeout=300, kernel_name="python3").execute()
+
+    def pictures(notebook: nbformat.NotebookNode) -> list[int]:
+        return [
+            len(output.data["image/png"])
+            for cell in notebook.cells
+            for output in cell.get("outputs", ())
+            if "image/png" in output.get("data", {})
+        ]
+
+    assert len(pictures(again)) == len(pictures(stored)) == 3
+    assert max(pictures(stored)) < 60_000
+    assert not [cell.id for cell in again.cells for output in cell.get("outputs", ()) if output.get("name") == "stderr"]
 
 
 def test_api_pages_have_all_public_names() -> None:
