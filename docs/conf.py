@@ -26,8 +26,8 @@ html_static_path = ["site"]
 html_css_files = ["site.css"]
 exclude_patterns = ["site"]
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-myst_enable_extensions = ["dollarmath", "fieldlist"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 html_math_renderer = "drawn"
 
@@ -53,10 +53,14 @@ def within_the_site(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def as_rst(app: Sphinx, what: str, name: str, found: object, options: Any, lines: list[str]) -> None:
-    """Docstrings show tables and formulas as Markdown does: `|` cells and blocks that are indented by four."""
+    """Docstrings have tables and formulas as Markdown does, `|` cells and blocks indented by four, and `Args:`."""
     told: list[str] = []
     for index, line in enumerate(lines):
-        if re.match(r"\|-", line):
+        argument = re.match(r" {4}([a-z_, ]+): (.*)", line)
+        if re.match(r"\|-|Args:$", line):
+            continue
+        if argument and "Args:" in lines[:index]:
+            told += [f":param {name}: {argument[2]}" for name in argument[1].split(", ")]
             continue
         if line.startswith("|"):
             if not told or not told[-1].startswith("     "):
@@ -74,7 +78,7 @@ def as_rst(app: Sphinx, what: str, name: str, found: object, options: Any, lines
 def drawn(tex: str) -> str:
     """A formula as SVG in the colour of the text, drawn by Matplotlib: no script and no font is needed to read it."""
     path = TextPath((0, 0), f"${' '.join(tex.split())}$", size=10)
-    box = path.get_extents()
+    box = path.get_extents().padded(0.5)
     letters = {Path2D.MOVETO: "M", Path2D.LINETO: "L", Path2D.CURVE3: "Q", Path2D.CURVE4: "C", Path2D.CLOSEPOLY: "Z"}
     parts = []
     for points, code in path.iter_segments(simplify=False, curves=True):
