@@ -41,7 +41,7 @@ from sklearn.preprocessing import StandardScaler
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
-from tvae.envs.overcooked import OvercookedEnv, net_laps
+from tvae.envs.overcooked import SOUP_REWARD, OvercookedEnv, net_laps
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.likelihood import mean_interval
 from tvae.evaluate.playstyles import find_playstyles
@@ -55,7 +55,7 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import Policy, rollout
 from tvae.spaces import FloatArray, IntArray
 from tvae.train.fitting import new_model
-from tvae.train.loop import train
+from tvae.train.loop import evaluate, train
 
 ALONE = "19"
 """The only pair that goes round counter-clockwise."""
@@ -135,21 +135,13 @@ def fold(pairs: list[str], *, seed: int) -> dict[str, Any]:
         "from_sample": told(known.sample(random), laps, groups, asked.sample(random)).tolist(),
         "named": [names[index] for index in style],
         "styles": [NAMES[name] for name in names],
-        "kl": float(known_kl(model, training)),
+        "kl": evaluate(model, training).kl,
     }
-
-
-@torch.no_grad()
-def known_kl(model: TrajectoryVAE, demonstrations: Demonstrations) -> float:
-    """Mean nats that z holds of an episode."""
-    known = encode(model, demonstrations)
-    squares = known.means**2 + known.scales**2 - 1 - 2 * np.log(known.scales)
-    return 0.5 * float(squares.sum(1).mean())
 
 
 def soups(episodes: Demonstrations) -> FloatArray:
     """(E,) delivered in each episode."""
-    return np.array([episode.steps["reward"].sum() / 20 for episode in episodes])
+    return np.array([episode.steps["reward"].sum() / SOUP_REWARD for episode in episodes])
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,7 @@ def test_an_interrupted_save_leaves_the_old_model(saved: Path, monkeypatch: pyte
     def full(*arguments: object, **keywords: object) -> None:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("tvae.model.tvae.save_file", full)
+    monkeypatch.setattr("tvae.model.saving.save_file", full)
     with pytest.raises(OSError, match="no space left"):
         untrained(noise([4, 7, 5]), seed=1).save(saved)
     after = TrajectoryVAE.load(saved).state_dict()

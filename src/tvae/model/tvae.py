@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
-from torch import Tensor, nn
+from torch import Tensor
 from torch.distributions import Normal
 
 from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
-from tvae.errors import ModelError
-from tvae.files import appearing
-from tvae.hub import CARD, upload
 from tvae.model.calibration import some_rows, typical_changes
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
@@ -29,13 +21,13 @@ from tvae.model.events import Events
 from tvae.model.latent import GaussianMixture, Prior, StandardNormal
 from tvae.model.perception import NoPerception, Perception
 from tvae.model.ranks import Ranks
-from tvae.model.schema import SCHEMA_VERSION, read_description
+from tvae.model.saving import Saved
+from tvae.model.schema import SCHEMA_VERSION
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk
-from tvae.pretrained import pretrained_directory
 from tvae.spaces import Space
 
 
-class TrajectoryVAE(nn.Module):
+class TrajectoryVAE(Saved):
     """One latent z for a whole state-action trajectory, and two decoders that read it.
 
     | law                       | module           |
@@ -251,77 +243,3 @@ class TrajectoryVAE(nn.Module):
             "action_space": self.action_space.to_json(),
             "arguments": self.arguments,
         }
-
-    def save(self, directory: str | Path) -> None:
-        """Write `model.safetensors` and `config.json` into `directory`; each appears only when whole."""
-        directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        with appearing(directory / "config.json", overwrite=True) as partial:
-            partial.write_text(json.dumps(self.description(), indent=2), encoding="utf-8")
-            self.save_weights(directory / "model.safetensors")
-
-    def save_weights(self, path: Path) -> None:
-        """Write the weights as safetensors, whole or not at all."""
-        with appearing(path, overwrite=True) as partial:
-            save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
-
-    @classmethod
-    def load(cls, directory: str | Path) -> TrajectoryVAE:
-        """The model that `save` or a run wrote. Nothing in the directory is executed.
-
-        Raises `ModelError` for a directory that is no model, is truncated, or has another schema version.
-        """
-        directory = Path(directory)
-        description = read_description(directory)
-        try:
-            model = cls(
-                Space.from_json(description["observation_space"]),
-                Space.from_json(description["action_space"]),
-                **description["arguments"],
-            )
-        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-            raise ModelError(f"{directory / 'config.json'} does not describe a model: {error}") from error
-        try:
-            model.load_state_dict(load_file(directory / "model.safetensors"))
-        except (SafetensorError, OSError) as error:
-            raise ModelError(f"{directory / 'model.safetensors'} is missing or truncated: {error}") from error
-        except RuntimeError as error:
-            raise ModelError(f"{directory / 'model.safetensors'} holds another model's weights: {error}") from error
-        model.eval()
-        return model
-
-    @classmethod
-    def from_pretrained(cls, name: str | Path, *, revision: str | None = None) -> TrajectoryVAE:
-        """A model that comes with the package, lies in a directory, or in a repository `owner/name` of the Hub.
-
-        They are looked for in this order (`tvae.pretrained.pretrained_directory`) and read as `load` does; a repository
-        at its newest commit, or at `revision`, a branch, tag or commit. The styles are
-        `tvae.Playstyles.from_pretrained(name)`. Raises `ModelError` for a name of nothing; the message says which names
-        there are.
-
-        >>> from tempfile import mkdtemp
-        >>> from tvae.spaces import Continuous, Space
-        >>> directory = mkdtemp()
-        >>> TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), latent_features=3).save(directory)
-        >>> TrajectoryVAE.from_pretrained(directory).latent_features
-        3
-        """
-        return cls.load(pretrained_directory(name, revision))
-
-    def push_to_hub(self, repo_id: str, *, card: str | None = None, private: bool = False) -> str:
-        """Write the model to the repository `owner/name` of the Hugging Face Hub, and return its address.
-
-        `card` becomes its README.md; without one, a card that is there stays. `tvae push` writes a whole run, with its
-        styles and a card. The repository is made if there is none. Raises `HubError` (`tvae.hub`).
-
-        >>> from tvae.spaces import Continuous, Space
-        >>> walks = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)))
-        >>> walks.push_to_hub("walks")
-        Traceback (most recent call last):
-        tvae.hub.HubError: a repository is called owner/name, got 'walks'
-        """
-        with TemporaryDirectory() as directory:
-            self.save(directory)
-            if card is not None:
-                (Path(directory) / CARD).write_text(card, encoding="utf-8")
-            return upload(Path(directory), repo_id, private=private, message="A Trajectory VAE")
