@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tvae.data.csv_files import AS_WRITTEN, CsvFormat
 from tvae.data.estimates import Estimate, MissingRule
 from tvae.data.roles import AS_NAMED, Roles
 
@@ -44,6 +45,8 @@ class Preparation:
     """Read these columns, those below them, such as all of `action`, or those of a pattern; by default all."""
     roles: Roles = AS_NAMED
     """Which column is what, where their names do not say so."""
+    csv: CsvFormat = AS_WRITTEN
+    """What separates columns and marks decimals in CSV files; no matter to other tables."""
     nulls: tuple[str, ...] = ()
     """Texts that stand for a missing value, such as `lost`."""
     player: str | None = None

@@ -38,7 +38,7 @@ def load_demonstrations(
 
     | source                                         | read by                              |
     |------------------------------------------------|--------------------------------------|
-    | file `.parquet`, `.csv`, `.csv.gz`             | `read_table`                         |
+    | file `.parquet`, `.csv`, `.tsv`, `.csv.gz`     | `read_table`                         |
     | pattern such as `day-*/*.csv`, list of files   | `read_table_files`                   |
     | directory with such files in it or below it    | `read_table_files`                   |
     | table of pandas, polars, Arrow and others      | `read_table`, by Arrow's C stream    |
@@ -151,6 +151,7 @@ def save_demonstrations(
     |----------------------------|-------------------------------------------|
     | `NAME.parquet`             | Parquet file                              |
     | `NAME.csv`, `NAME.csv.gz`  | CSV file and `NAME.schema.json`           |
+    | `NAME.tsv`, `NAME.tsv.gz`  | the same with tabs between columns        |
     | `NAME.tvae`                | directory that is opened memory-mapped    |
     | `minari:namespace/name-v0` | Minari data set under Minari's root       |
     | `minari:DIRECTORY`         | Minari data set in a directory of its own |

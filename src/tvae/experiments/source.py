@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from tvae.data.csv_files import CsvFormat
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import Estimate, MissingRule, drop_episode, hold_last, in_turn, interpolate
 from tvae.data.preparation import Clock, Preparation
@@ -21,6 +22,9 @@ ResampleName: TypeAlias = Literal["hold", "linear"]
 MissingName: TypeAlias = Literal["hold", "linear", "drop"]
 _RESAMPLE: Mapping[str, Estimate] = {"hold": hold_last, "linear": interpolate}
 _MISSING: Mapping[str, MissingRule] = {**_RESAMPLE, "drop": drop_episode}
+
+_SEPARATORS: Mapping[str, str] = {"tab": "\t", "\\t": "\t"}
+"""Words for what is no character that can be typed."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,11 @@ class Reading:
     """Column that is a category; may be repeated."""
     binary: tuple[str, ...] = ()
     """Column that is yes (1) or no (0), such as a button; may be repeated."""
+    separator: str | None = None
+    """Character between the columns of a CSV file, or tab; by default the comma, semicolon or tab of the first line."""
+    decimal: str | None = None
+    """Decimal mark of a CSV file, a point or a comma; by default a comma where numbers are written so and columns are
+    not separated by one."""
     null: tuple[str, ...] = ()
     """Text that stands for a missing value, such as lost; may be repeated."""
     only: tuple[str, ...] = ()
@@ -78,6 +87,7 @@ class Reading:
         return Preparation(
             columns=self.only,
             roles=Roles(self.episode, self.step, self.action, self.observation, self.ignore),
+            csv=CsvFormat(_SEPARATORS.get(self.separator or "", self.separator), self.decimal),
             nulls=self.null,
             player=self.player,
             clock=None if self.time is None else Clock(self.time, self.every, rule),
