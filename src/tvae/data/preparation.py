@@ -49,6 +49,9 @@ class Preparation:
     """What separates columns and marks decimals in CSV files; no matter to other tables."""
     nulls: tuple[str, ...] = ()
     """Texts that stand for a missing value, such as `lost`."""
+    degrees: tuple[str, ...] = ()
+    """Columns of angles in degrees, such as `heading`, or patterns; they are read in radians. Where a table that we
+    wrote, or a source that is no table, has an angle already, it is in radians and stays as it is."""
     player: str | None = None
     """Column of the player whose row it is. Each player's rows are an episode, called EPISODE/PLAYER; the fact
     `session` is what the column `episode` says."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tvae.data.columns import kinds_by_column
@@ -74,11 +75,11 @@ def load_demonstrations(
             action_space=action_space,
         )
     assert isinstance(source, str | Path)
-    if preparation != AS_RECORDED:
+    if preparation != replace(AS_RECORDED, degrees=preparation.degrees):
         raise DataError(f"{source}: only a table can be prepared, by its columns, players, times or missing values")
     demonstrations = _read(source)
     try:
-        demonstrations = with_kinds(demonstrations, kinds)
+        demonstrations = with_kinds(demonstrations, kinds, preparation.degrees)
         check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:
         raise DataError(f"{source}: {error}") from None

@@ -43,6 +43,8 @@ class Reading:
     """Column to leave out, or a pattern; may be repeated."""
     angular: tuple[str, ...] = ()
     """Column that is an angle in radians, such as heading; may be repeated."""
+    degrees: tuple[str, ...] = ()
+    """Column that is an angle in degrees, such as heading, and is read in radians; may be repeated."""
     continuous: tuple[str, ...] = ()
     """Column that is a number; may be repeated."""
     categorical: tuple[str, ...] = ()
@@ -89,6 +91,7 @@ class Reading:
             roles=Roles(self.episode, self.step, self.action, self.observation, self.ignore),
             csv=CsvFormat(_SEPARATORS.get(self.separator or "", self.separator), self.decimal),
             nulls=self.null,
+            degrees=self.degrees,
             player=self.player,
             clock=None if self.time is None else Clock(self.time, self.every, rule),
             missing=in_turn(*(_MISSING[name] for name in self.missing)) if self.missing else None,
