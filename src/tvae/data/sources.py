@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tvae.data.columns import kinds_by_column
@@ -38,7 +39,7 @@ def load_demonstrations(
 
     | source                                         | read by                              |
     |------------------------------------------------|--------------------------------------|
-    | file `.parquet`, `.csv`, `.csv.gz`             | `read_table`                         |
+    | file `.parquet`, `.csv`, `.tsv`, `.csv.gz`     | `read_table`                         |
     | pattern such as `day-*/*.csv`, list of files   | `read_table_files`                   |
     | directory with such files in it or below it    | `read_table_files`                   |
     | table of pandas, polars, Arrow and others      | `read_table`, by Arrow's C stream    |
@@ -74,11 +75,11 @@ def load_demonstrations(
             action_space=action_space,
         )
     assert isinstance(source, str | Path)
-    if preparation != AS_RECORDED:
+    if preparation != replace(AS_RECORDED, degrees=preparation.degrees):
         raise DataError(f"{source}: only a table can be prepared, by its columns, players, times or missing values")
     demonstrations = _read(source)
     try:
-        demonstrations = with_kinds(demonstrations, kinds)
+        demonstrations = with_kinds(demonstrations, kinds, preparation.degrees)
         check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:
         raise DataError(f"{source}: {error}") from None
@@ -151,6 +152,7 @@ def save_demonstrations(
     |----------------------------|-------------------------------------------|
     | `NAME.parquet`             | Parquet file                              |
     | `NAME.csv`, `NAME.csv.gz`  | CSV file and `NAME.schema.json`           |
+    | `NAME.tsv`, `NAME.tsv.gz`  | the same with tabs between columns        |
     | `NAME.tvae`                | directory that is opened memory-mapped    |
     | `minari:namespace/name-v0` | Minari data set under Minari's root       |
     | `minari:DIRECTORY`         | Minari data set in a directory of its own |
