@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from tvae.baselines.act import ActionChunks
+from tvae.baselines.bet import BehaviorTransformer
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
 from tvae.baselines.contract import Method
 from tvae.baselines.dagger import DAgger
@@ -89,6 +90,7 @@ METHODS: Mapping[str, Entry] = {
     "cloning_lstm": Entry("Behavioural cloning, LSTM", _always(CloningLSTM())),
     "act": Entry("Action chunks, VAE (ACT-like)", _always(ActionChunks())),
     "flow": Entry("Action chunks, flow matching", _always(FlowMatching())),
+    "bet": Entry("Behavior Transformer", _always(BehaviorTransformer())),
     "from_observation": Entry("Cloning from observation", _always(CloningFromObservation()), (Need.ENVIRONMENT,)),
     "apprenticeship": Entry(
         "Apprenticeship learning",
