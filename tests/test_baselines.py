@@ -24,9 +24,11 @@ from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
 from tvae.baselines.policies import MovingTrunk, positions
 from tvae.baselines.practice import Practice
+from tvae.baselines.sectar import SelfConsistentTrajectories, SelfConsistentVAE
 from tvae.baselines.senses import Senses
 from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.baselines.stretching import Stretched, read_back
+from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.envs.circle import circle_demonstrations
@@ -128,6 +130,7 @@ def test_the_same_lesson_gives_the_same_bots_and_labels_teach_only_those_who_say
         BehaviorTransformer(),
         IndexedCloning(),
         StateTrajectoryVAE(),
+        SelfConsistentTrajectories(),
     ],
     ids=lambda method: type(method).__name__,
 )
@@ -158,6 +161,7 @@ def moves(policy: Policy, count: int = 200) -> np.ndarray:
         LabelledCloning(hidden_features=16, learning_rate=1e-2),
         IndexedCloning(hidden_features=16, learning_rate=2e-2),
         StateTrajectoryVAE(hidden_features=32, learning_rate=5e-3),
+        SelfConsistentTrajectories(hidden_features=32, learning_rate=5e-3),
     ],
 )
 def test_who_can_be_asked_for_a_style_shows_it(method: Method):
@@ -295,6 +299,22 @@ def test_the_loss_is_nothing_where_bin_and_offset_are_right():
     bins = len(network.bins)
     expected = (1 - 1 / bins) ** 2 * np.log(bins) + 10 * 0.25
     assert network.loss(window, 2.0, 10.0).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_states_are_foretold_from_the_first_and_z_alone():
+    demonstrations = noise([6, 4])
+    model = SelfConsistentVAE(Senses.fit(demonstrations), latent_features=2, hidden_features=8, num_components=1)
+    model.calibrate(demonstrations)
+    batch = batch_of(demonstrations, np.array([0, 1]))
+    z = torch.randn(2, 2)
+    first = batch.observations[:, 0]
+    law = model.foretold(first, z, 6)
+    torch.testing.assert_close(model.foretold(first, z, 3).mode(), law.mode()[:, :3])
+    features, _ = model.recurrent(torch.cat([model.policy.senses(first), z], dim=-1)[:, None].expand(-1, 6, -1))
+    state = model.policy.senses.observations.values(first)
+    for step in range(6):  # each foretold state is where the next change starts
+        state = model.state(features[:, step], state).mode()
+        torch.testing.assert_close(law.mode()[:, step], state, rtol=1e-4, atol=1e-4)
 
 
 def test_small_turns_are_stretched():
