@@ -11,20 +11,24 @@ import torch
 
 from toys import ACTIONS, noise, rows, two_styles
 from tvae.baselines.act import ActionChunks
+from tvae.baselines.bet import BehaviorTransformer, BinTransformer, WindowData, WindowPolicy, middles
 from tvae.baselines.chunks import ChunkData, ChunkPolicy
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
 from tvae.baselines.contract import Bots, Envs, Lesson, Method, World
 from tvae.baselines.counting import StepCounter
 from tvae.baselines.dagger import corrected
 from tvae.baselines.descending import Descent
-from tvae.baselines.flow import FlowMatching, FlowNetwork, read_back
+from tvae.baselines.flow import FlowMatching
 from tvae.baselines.from_observation import CloningFromObservation, InverseModel
 from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
 from tvae.baselines.policies import MovingTrunk, positions
 from tvae.baselines.practice import Practice
+from tvae.baselines.sectar import SelfConsistentTrajectories, SelfConsistentVAE
 from tvae.baselines.senses import Senses
 from tvae.baselines.state_vae import StateTrajectoryVAE
+from tvae.baselines.stretching import Stretched, read_back
+from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.envs.circle import circle_demonstrations
@@ -123,8 +127,10 @@ def test_the_same_lesson_gives_the_same_bots_and_labels_teach_only_those_who_say
         LabelledCloning(),
         ActionChunks(),
         FlowMatching(),
+        BehaviorTransformer(),
         IndexedCloning(),
         StateTrajectoryVAE(),
+        SelfConsistentTrajectories(),
     ],
     ids=lambda method: type(method).__name__,
 )
@@ -155,6 +161,7 @@ def moves(policy: Policy, count: int = 200) -> np.ndarray:
         LabelledCloning(hidden_features=16, learning_rate=1e-2),
         IndexedCloning(hidden_features=16, learning_rate=2e-2),
         StateTrajectoryVAE(hidden_features=32, learning_rate=5e-3),
+        SelfConsistentTrajectories(hidden_features=32, learning_rate=5e-3),
     ],
 )
 def test_who_can_be_asked_for_a_style_shows_it(method: Method):
@@ -179,6 +186,7 @@ def walked(policy: Policy, num_steps: int = 6, count: int = 200) -> np.ndarray:
         (CloningMLP(hidden_features=32, learning_rate=1e-2), 300),
         (CloningLSTM(hidden_features=16, learning_rate=1e-2), 300),
         (FlowMatching(hidden_features=64, learning_rate=3e-3), 800),
+        (BehaviorTransformer(num_bins=8, hidden_features=16, num_heads=2, learning_rate=1e-2), 200),
     ],
 )
 def test_who_cannot_be_asked_goes_to_both_sides(method: Method, num_steps: int):
@@ -231,13 +239,90 @@ def test_behind_the_end_of_an_episode_its_last_action_goes_on():
     assert chunk.actions[1, 2] == chunk.actions[1, 1] != chunk.actions[1, 0]
 
 
-def test_small_turns_are_stretched_before_noise_is_added():
+def bins_of(demonstrations: Demonstrations, num_seen: int) -> BinTransformer:
+    senses = Senses.fit(demonstrations)
+    stretched = Stretched.fit(demonstrations, senses)
+    data = WindowData(demonstrations, senses, num_seen=num_seen)
+    network = BinTransformer(
+        senses,
+        stretched,
+        middles(stretched(data.actions), 6, seed=0),
+        num_seen=num_seen,
+        hidden_features=8,
+        num_layers=2,
+        num_heads=2,
+        dropout=0.0,
+    )
+    return network.eval()
+
+
+def test_windows_are_of_one_episode_and_padded_where_it_is_shorter():
+    demonstrations = noise([3, 7, 5])
+    data = WindowData(demonstrations, Senses.fit(demonstrations), num_seen=5)
+    window = data.at(np.arange(len(data)))
+    assert window.valid.sum(1).tolist() == [3, 5, 5, 5, 5]  # one, three, one
+    values = Senses.fit(demonstrations).actions.values(torch.from_numpy(demonstrations.actions).float())
+    torch.testing.assert_close(window.actions[2], values[4:9])
+
+
+def test_who_sees_a_window_sees_nothing_later_and_acts_on_what_it_was_shown():
+    demonstrations = noise([9, 9])
+    network = bins_of(demonstrations, num_seen=4)
+    inputs = torch.randn(3, 4, 2 * network.senses.num_features)
+    logits, offsets = network(inputs)
+    later = inputs.clone()
+    later[:, 2:] += 1
+    torch.testing.assert_close(network(later)[0][:, :2], logits[:, :2])
+    torch.testing.assert_close(network(inputs[:, :2])[1], offsets[:, :2])
+    window = WindowData(demonstrations, network.senses, num_seen=4).at(np.array([2]))
+    shown: list[torch.Tensor] = []
+    network.sample = lambda seen: (shown.append(seen), window.actions[:, 0])[1]  # type: ignore[method-assign]
+    policy = WindowPolicy(network)
+    policy.reset(1, seed=0)
+    for row in demonstrations[0].observations[:6]:
+        policy.act(row[None])
+    assert [seen.shape[1] for seen in shown] == [1, 2, 3, 4, 4, 4]
+    torch.testing.assert_close(shown[-1], window.inputs)
+
+
+def test_the_loss_is_nothing_where_bin_and_offset_are_right():
+    demonstrations = two_styles(20)
+    network = bins_of(demonstrations, num_seen=3)
+    window = WindowData(demonstrations, network.senses, num_seen=3).at(np.arange(4))
+    targets = network.stretched(window.actions)
+    which = network.nearest(targets)
+    right = 50 * torch.nn.functional.one_hot(which, len(network.bins)).float()
+    offsets = (targets - network.bins[which])[..., None, :].expand(-1, -1, len(network.bins), -1)
+    network.forward = lambda inputs: (right, offsets)  # type: ignore[method-assign]
+    assert network.loss(window, 2.0, 10.0).item() == pytest.approx(0, abs=1e-6)
+    network.forward = lambda inputs: (0 * right, offsets + 0.5)  # type: ignore[method-assign]
+    bins = len(network.bins)
+    expected = (1 - 1 / bins) ** 2 * np.log(bins) + 10 * 0.25
+    assert network.loss(window, 2.0, 10.0).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_states_are_foretold_from_the_first_and_z_alone():
+    demonstrations = noise([6, 4])
+    model = SelfConsistentVAE(Senses.fit(demonstrations), latent_features=2, hidden_features=8, num_components=1)
+    model.calibrate(demonstrations)
+    batch = batch_of(demonstrations, np.array([0, 1]))
+    z = torch.randn(2, 2)
+    first = batch.observations[:, 0]
+    law = model.foretold(first, z, 6)
+    torch.testing.assert_close(model.foretold(first, z, 3).mode(), law.mode()[:, :3])
+    features, _ = model.recurrent(torch.cat([model.policy.senses(first), z], dim=-1)[:, None].expand(-1, 6, -1))
+    state = model.policy.senses.observations.values(first)
+    for step in range(6):  # each foretold state is where the next change starts
+        state = model.state(features[:, step], state).mode()
+        torch.testing.assert_close(law.mode()[:, step], state, rtol=1e-4, atol=1e-4)
+
+
+def test_small_turns_are_stretched():
     demonstrations = circle_demonstrations(12)
-    network = FlowNetwork(Senses.fit(demonstrations), num_actions=2, hidden_features=4, num_euler_steps=2)
-    network.calibrate(demonstrations)
+    stretched = Stretched.fit(demonstrations, Senses.fit(demonstrations))
     turns = np.sin(demonstrations.actions[:, 0])
-    assert network.reach[1].item() == pytest.approx(np.ptp(turns) / 2, rel=1e-4)
-    assert network.centre[1].item() == pytest.approx((turns.max() + turns.min()) / 2, abs=1e-4)
+    assert stretched.reach[1].item() == pytest.approx(np.ptp(turns) / 2, rel=1e-4)
+    assert stretched.centre[1].item() == pytest.approx((turns.max() + turns.min()) / 2, abs=1e-4)
 
 
 def test_values_are_read_back_from_their_features():

@@ -6,9 +6,8 @@ and noise e, y_u = (1 - u) e + u a, 0 <= u <= 1, and v is fitted to its directio
 
     L = E || v(y_u, u, x_t) - (a - e) ||^2;     acting: y_0 ~ N(0, I), y <- y + v(y, u, x_t) / n, n times.
 
-Actions are carried as numbers, angles as (cos, sin), binary ones as +-1, categories as one-hot, each stretched so that
-demonstrators fill -1 .. 1, as in the source: a turn of a few degrees is not lost in the noise. The end is read back by
-atan2, sign and the largest. The mode is drawn anew with each chunk: no style can be asked for, none persists.
+Actions are carried as numbers stretched to -1 .. 1 (`tvae.baselines.stretching`), as in the source: a turn of a few
+degrees is not lost in the noise. The mode is drawn anew with each chunk: no style can be asked for, none persists.
 Deviation: an MLP instead of a U-net or a transformer.
 """
 
@@ -25,44 +24,21 @@ from tvae.baselines.chunks import Chunk, ChunkPolicy, learn_chunks
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
 from tvae.baselines.senses import Senses
-from tvae.data.demonstrations import Demonstrations
-from tvae.data.ragged import ranges
+from tvae.baselines.stretching import Stretched
 from tvae.device import seeded
-from tvae.spaces import Space
 
 _FREQUENCIES = 8
-
-
-def read_back(space: Space, features: Float[Tensor, "*batch F"]) -> Float[Tensor, "*batch C"]:
-    """Values whose features (`tvae.data.normalizer`) these are closest to.
-
-    >>> from tvae.spaces import Angular, Binary
-    >>> read_back(Space((Binary("attack"), Angular("heading"))), torch.tensor([0.0, 2.0, 0.3])).tolist()
-    [1.0, 1.5707963705062866]
-    """
-    num_continuous, num_angular = len(space.continuous), len(space.angular)
-    sizes = [num_continuous, num_angular, num_angular, len(space.binary), *space.num_categories]
-    numbers, cos, sin, signs, *one_hot = features.split(sizes, dim=-1)
-    values = features.new_empty(*features.shape[:-1], space.num_columns)
-    values[..., space.continuous] = numbers
-    values[..., space.angular] = torch.atan2(sin, cos)
-    values[..., space.binary] = (signs > 0).to(features.dtype)
-    for column, weights in zip(space.categorical.tolist(), one_hot, strict=True):
-        values[..., column] = weights.argmax(-1).to(features.dtype)
-    return values
 
 
 class FlowNetwork(nn.Module):
     """v(y, u, x_t), and the actions that it leads to."""
 
-    centre: Tensor
-    """(F,) half-way between the least and the largest of each feature of demonstrators' actions."""
-    reach: Tensor
-    """(F,) from there to either."""
-
-    def __init__(self, senses: Senses, *, num_actions: int, hidden_features: int, num_euler_steps: int) -> None:
+    def __init__(
+        self, senses: Senses, stretched: Stretched, *, num_actions: int, hidden_features: int, num_euler_steps: int
+    ) -> None:
         super().__init__()
         self.senses = senses
+        self.stretched = stretched
         self.num_actions = num_actions
         self.num_euler_steps = num_euler_steps
         self.width = num_actions * senses.actions.num_features
@@ -75,16 +51,6 @@ class FlowNetwork(nn.Module):
             nn.SiLU(),
             nn.Linear(hidden_features, self.width),
         )
-        self.register_buffer("centre", torch.zeros(senses.actions.num_features))
-        self.register_buffer("reach", torch.ones(senses.actions.num_features))
-
-    def calibrate(self, demonstrations: Demonstrations) -> None:
-        """Measure how far actions reach; a feature that never changes keeps its unit."""
-        rows = demonstrations.actions[ranges(demonstrations.action_starts, demonstrations.lengths)]
-        features = self.senses.actions.features(self.senses.actions.values(torch.from_numpy(rows).float()))
-        least, largest = features.amin(0), features.amax(0)
-        self.centre.copy_((largest + least) / 2)
-        self.reach.copy_(torch.where(largest - least > 1e-6, (largest - least) / 2, 1.0))
 
     def forward(
         self, y: Float[Tensor, "N W"], u: Float[Tensor, "N 1"], inputs: Float[Tensor, "N X"]
@@ -95,7 +61,7 @@ class FlowNetwork(nn.Module):
 
     def loss(self, chunk: Chunk) -> Float[Tensor, ""]:
         """L; behind the end of an episode its last action goes on, as in the source."""
-        target = ((self.senses.actions.features(chunk.actions) - self.centre) / self.reach).flatten(1)
+        target = self.stretched(chunk.actions).flatten(1)
         noise, u = torch.randn_like(target), torch.rand(len(target), 1)
         found = self((1 - u) * noise + u * target, u, chunk.inputs)
         return (found - (target - noise)).square().mean()
@@ -106,8 +72,7 @@ class FlowNetwork(nn.Module):
         for step in range(self.num_euler_steps):
             u = torch.full((len(inputs), 1), step / self.num_euler_steps)
             y = y + self(y, u, inputs) / self.num_euler_steps
-        features = self.centre + self.reach * y.unflatten(-1, (self.num_actions, -1))
-        return read_back(self.senses.actions.space, features)
+        return self.stretched.values(y.unflatten(-1, (self.num_actions, -1)))
 
 
 @dataclass(frozen=True)
@@ -128,11 +93,11 @@ class FlowMatching:
         with seeded(lesson.seed, CPU):
             network = FlowNetwork(
                 senses,
+                Stretched.fit(lesson.demonstrations, senses),
                 num_actions=self.num_actions,
                 hidden_features=self.hidden_features,
                 num_euler_steps=self.num_euler_steps,
             )
-        network.calibrate(lesson.demonstrations)
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
         learn_chunks(
             network,

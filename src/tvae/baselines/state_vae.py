@@ -14,24 +14,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Normal
 
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots, positions
+from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots
+from tvae.baselines.posteriors import learn_trajectories, posterior_means
 from tvae.baselines.senses import Senses
-from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
+from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.heads import Head
 from tvae.model.calibration import typical_changes
 from tvae.model.encoder import Encoder
 from tvae.model.latent import StandardNormal
-from tvae.spaces import FloatArray
 
 _STATE_FLOOR = 0.1
 """Smallest standard deviation of a next state, in typical changes, as in our own state decoder."""
@@ -72,14 +70,6 @@ class StateVAE(nn.Module):
         came = (states.log_prob(senses.observations.values(batch.next_observations)) * batch.next_known).sum()
         return (self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
 
-    @torch.no_grad()
-    def codes(self, demonstrations: Demonstrations) -> FloatArray:
-        """(E, Z) posterior means."""
-        found = np.zeros((len(demonstrations), self.encoder.parameters_of_law.out_features // 2))
-        for episodes in ordered_batches(demonstrations, 64):
-            found[episodes] = self.posterior(batch_of(demonstrations, episodes)).mean.double().numpy()
-        return found
-
 
 @dataclass(frozen=True)
 class StateTrajectoryVAE:
@@ -91,30 +81,22 @@ class StateTrajectoryVAE:
     num_steps: int = 3_000
     learning_rate: float = 5e-3
 
-    def learn(self, lesson: Lesson) -> Bots:
-        """Bots with the posterior means of training trajectories."""
-        demonstrations, senses = lesson.demonstrations, Senses.fit(lesson.demonstrations)
+    def fit(self, lesson: Lesson) -> StateVAE:
+        """The trained model."""
         with seeded(lesson.seed, CPU):
             model = StateVAE(
-                senses,
+                Senses.fit(lesson.demonstrations),
                 latent_features=self.latent_features,
                 hidden_features=self.hidden_features,
                 num_components=self.num_components,
             )
-        model.calibrate(demonstrations)
-        training, judged = positions(len(demonstrations), 0.1, lesson.seed)
-        sampler = BucketedSampler(
-            demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), lesson.seed
-        )
-        held_out = demonstrations.select(judged)
-        parts = list(ordered_batches(held_out, 64))
-        descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
-        descent.run(
-            model,
-            lambda step: model.loss(batch_of(demonstrations, training[sampler.episodes(step)])),
-            seed=lesson.seed,
-            judge=lambda: float(np.mean([float(model.loss(batch_of(held_out, part))) for part in parts])),
-        )
-        codes = model.codes(demonstrations)
-        facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(model)}
+        model.calibrate(lesson.demonstrations)
+        learn_trajectories(model, model.loss, lesson, Descent(lesson.limited(self.num_steps), self.learning_rate))
+        return model
+
+    def learn(self, lesson: Lesson) -> Bots:
+        """Bots with the posterior means of training trajectories."""
+        model = self.fit(lesson)
+        codes = posterior_means(model.posterior, lesson.demonstrations)
+        facts = {"gradient_steps": lesson.limited(self.num_steps), "num_parameters": num_parameters(model)}
         return coded_bots(model.policy, codes, lesson, facts)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from tvae.baselines.act import ActionChunks
+from tvae.baselines.bet import BehaviorTransformer
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
 from tvae.baselines.contract import Method
 from tvae.baselines.dagger import DAgger
@@ -18,6 +19,7 @@ from tvae.baselines.from_observation import CloningFromObservation
 from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
 from tvae.baselines.scripted import Demonstrators
+from tvae.baselines.sectar import SelfConsistentTrajectories
 from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.baselines.trivial import Walking, WalkingAttacking
 from tvae.errors import TvaeError
@@ -52,7 +54,10 @@ def _always(method: Method) -> Maker:
     return lambda task, cells: method
 
 
-def _coded(method: IndexedCloning | LabelledCloning | DAgger | StateTrajectoryVAE) -> Maker:
+Coded: TypeAlias = IndexedCloning | LabelledCloning | DAgger | StateTrajectoryVAE | SelfConsistentTrajectories
+
+
+def _coded(method: Coded) -> Maker:
     """As it is, but with one law for an action on circles, as ours: within a style there is one way to walk there."""
     return lambda task, cells: replace(method, num_components=1) if task == "circle" else method
 
@@ -89,6 +94,7 @@ METHODS: Mapping[str, Entry] = {
     "cloning_lstm": Entry("Behavioural cloning, LSTM", _always(CloningLSTM())),
     "act": Entry("Action chunks, VAE (ACT-like)", _always(ActionChunks())),
     "flow": Entry("Action chunks, flow matching", _always(FlowMatching())),
+    "bet": Entry("Behavior Transformer", _always(BehaviorTransformer())),
     "from_observation": Entry("Cloning from observation", _always(CloningFromObservation()), (Need.ENVIRONMENT,)),
     "apprenticeship": Entry(
         "Apprenticeship learning",
@@ -102,6 +108,7 @@ METHODS: Mapping[str, Entry] = {
         (Need.ENVIRONMENT, Need.NUMBER),
     ),
     "state_vae": Entry("State-only trajectory VAE", _coded(StateTrajectoryVAE())),
+    "sectar": Entry("SeCTAR, one level", _coded(SelfConsistentTrajectories())),
     "indexed": Entry("Code for each trajectory (ZBC)", _coded(IndexedCloning())),
     "labelled": Entry("Cloning given the true label", _coded(LabelledCloning()), (Need.LABELS,)),
     "dagger": Entry(

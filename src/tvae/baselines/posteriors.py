@@ -1,0 +1,49 @@
+"""Models with a posterior q(z | trajectory): how they are trained, and the codes that they give to demonstrations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.distributions import Normal
+
+from tvae.baselines.contract import Lesson
+from tvae.baselines.descending import Descent
+from tvae.baselines.policies import positions
+from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
+from tvae.data.demonstrations import Demonstrations
+from tvae.spaces import FloatArray
+
+_AT_ONCE = 64
+"""Trajectories that are looked at together."""
+
+
+def learn_trajectories(
+    model: nn.Module, loss: Callable[[TrajectoryBatch], Tensor], lesson: Lesson, descent: Descent
+) -> None:
+    """Train on whole trajectories; of the evaluated weights those best on a held-out tenth are kept."""
+    demonstrations = lesson.demonstrations
+    training, judged = positions(len(demonstrations), 0.1, lesson.seed)
+    sampler = BucketedSampler(
+        demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), lesson.seed
+    )
+    held_out = demonstrations.select(judged)
+    parts = list(ordered_batches(held_out, _AT_ONCE))
+    descent.run(
+        model,
+        lambda step: loss(batch_of(demonstrations, training[sampler.episodes(step)])),
+        seed=lesson.seed,
+        judge=lambda: float(np.mean([float(loss(batch_of(held_out, part))) for part in parts])),
+    )
+
+
+@torch.no_grad()
+def posterior_means(posterior: Callable[[TrajectoryBatch], Normal], demonstrations: Demonstrations) -> FloatArray:
+    """(E, Z) the mean of each demonstration's posterior."""
+    order = list(ordered_batches(demonstrations, _AT_ONCE))
+    means = [posterior(batch_of(demonstrations, part)).mean.double().numpy() for part in order]
+    found: FloatArray = np.empty((len(demonstrations), means[0].shape[1]))
+    found[np.concatenate(order)] = np.concatenate(means)
+    return found
