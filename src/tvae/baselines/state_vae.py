@@ -22,7 +22,7 @@ from torch.distributions import Normal
 
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots, positions
+from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots, held_apart
 from tvae.baselines.senses import Senses
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
@@ -102,7 +102,7 @@ class StateTrajectoryVAE:
                 num_components=self.num_components,
             )
         model.calibrate(demonstrations)
-        training, judged = positions(len(demonstrations), 0.1, lesson.seed)
+        training, judged = held_apart(demonstrations, 0.1, lesson.seed)
         sampler = BucketedSampler(
             demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), lesson.seed
         )
