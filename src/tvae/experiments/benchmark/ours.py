@@ -1,4 +1,4 @@
-"""T-VAE, ours, with the configuration of the task's reproduction: styles found without labels, a bot for each.
+"""T-VAE, ours, with the configuration of the task's reproduction or demo: styles found without labels, a bot for each.
 
 Source: "Trajectory VAE for multi-modal imitation" (ICLR 2019 submission), as `docs/paper.md` reads it. Labels name the
 styles that were found and teach nothing. At will, each episode's style is drawn by the styles' weights. A finished cell
@@ -40,11 +40,6 @@ class Ours:
     cells: Path
     """Where finished cells of `tvae reproduce` lie, if there are any; not a hyperparameter."""
 
-    @classmethod
-    def of(cls, task: str, cells: Path) -> Ours:
-        """With the task's own configuration."""
-        return cls(task, STUDIES[task].presets["default"], cells)
-
     def learn(self, lesson: Lesson) -> Bots:
         """A bot of each label: of the found style that bears it, or of any style where none was found for it."""
         read = None if lesson.most_steps is not None else self._finished(lesson.seed)
@@ -69,6 +64,8 @@ class Ours:
         )
 
     def _finished(self, seed: int) -> Cell | None:
+        if self.task not in STUDIES:
+            return None
         directory = self.cells / self.task / "default" / f"seed-{seed}"
         cell = Cell(self.task, "default", seed, directory, Effort())
         try:
