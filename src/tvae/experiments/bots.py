@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -24,6 +25,7 @@ from tvae.generate.closed_loop import LatentPolicy
 from tvae.model.decoding import Choice, LatentSource, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import check_spaces, rollout
+from tvae.spaces import Space
 
 _MOST_COPIES = 1000
 _COPIES_OF_SLOW_ENVIRONMENTS = 20
@@ -34,6 +36,15 @@ def vector_env(arena: Arena) -> VectorEnv[Any, Any, Any]:
     spec = gymnasium.spec(arena.env)
     copies = _MOST_COPIES if spec.vector_entry_point is not None else _COPIES_OF_SLOW_ENVIRONMENTS
     return gymnasium.make_vec(arena.env, num_envs=min(copies, arena.episodes), **arena.options)
+
+
+def check_arena(arena: Arena, observation_space: Space, action_space: Space) -> None:
+    """Raise `TvaeError` if the environment's signals are not supported, or are other ones than these."""
+    envs = vector_env(replace(arena, episodes=1))
+    try:
+        check_spaces(envs, observation_space, action_space)
+    finally:
+        envs.close()
 
 
 def bot_episodes(
