@@ -1,8 +1,9 @@
 """T-VAE, ours, with the configuration of the task's reproduction or demo: styles found without labels, a bot for each.
 
 Source: "Trajectory VAE for multi-modal imitation" (ICLR 2019 submission), as `docs/paper.md` reads it. Labels name the
-styles that were found and teach nothing; styles that bear the same label are one bot. At will, each episode's style is drawn by the styles' weights. A finished cell
-of `tvae reproduce` with the very same configuration is read instead of trained again.
+styles that were found and teach nothing; styles that bear the same label are one bot. At will, each episode's style is
+drawn by the styles' weights. A finished cell of `tvae reproduce` with the very same configuration is read instead of
+trained again.
 """
 
 from __future__ import annotations
