@@ -6,6 +6,7 @@ import csv
 import gzip
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,13 +112,13 @@ def test_the_judge_of_a_training_is_another_pair() -> None:
 
 
 def test_pairs_show_the_way_they_go(data: Path) -> None:
-    episodes = [OVERCOOKED.demonstrations(data, seed) for seed in range(3)]
-    assert {ALONE, CLOCKWISE, NONE} <= {pair for part in episodes for pair in part.attribute("pair").astype(str)}
-    for part in episodes:
-        for pair, label in ((ALONE, "counter-clockwise"), (CLOCKWISE, "clockwise"), (NONE, "none")):
-            theirs = part.select(np.flatnonzero(part.attribute("pair").astype(str) == pair))
-            assert set(theirs.attribute("label").tolist()) <= {label}
-            assert {OVERCOOKED.labels[index] for index in OVERCOOKED.shown(theirs)} <= {label}
+    training, test = OVERCOOKED.demonstrations(data, 0), OVERCOOKED.test(data, 0)
+    labels = np.array(OVERCOOKED.labels)
+    assert labels[OVERCOOKED.shown(training)].tolist() == training.attribute("label").tolist()
+    shown = [*zip(training.attribute("pair").astype(str), labels[OVERCOOKED.shown(training)], strict=True)]
+    shown += [*zip(test.attribute("pair").astype(str), labels[OVERCOOKED.shown(test)], strict=True)]
+    for pair, label in ((ALONE, "counter-clockwise"), (CLOCKWISE, "clockwise"), (NONE, "none")):
+        assert {what for who, what in shown if who == pair} == {label}
 
 
 def test_who_stands_still_goes_nowhere_and_cooks_nothing(data: Path) -> None:
@@ -215,6 +216,8 @@ def test_a_quick_run_beside_the_people(
             cell.run()
 
     monkeypatch.setattr(module, "make", in_this_process)
+    short = replace(OVERCOOKED, options={**OVERCOOKED.options, "horizon": 60})
+    monkeypatch.setitem(TASKS, "overcooked", short)
     methods = ["people", "cloning_mlp", "labelled", "dagger"]
     call(
         *["benchmark", "--out", tmp_path, "--quick", "--steps", "2", "--episodes", "2", "--data", data],
