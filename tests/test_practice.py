@@ -14,9 +14,12 @@ from tvae.baselines.apprenticeship import FeatureMatching
 from tvae.baselines.boxes import MOST, BoxActions
 from tvae.baselines.contract import AnyOf, Lesson, NoCode
 from tvae.baselines.counting import StepCounter
-from tvae.baselines.gail import GAIL, Discriminator, Informed, Judging
+from tvae.baselines.gail import GAIL, Informed
+from tvae.baselines.judging import Discriminator, Judging
 from tvae.baselines.moments import Moments, Sight
 from tvae.baselines.practice import LearntReward, Practice, PracticedPolicy, PracticeGround
+from tvae.baselines.state_vae import StateTrajectoryVAE, StateVAE
+from tvae.baselines.state_vae_gail import FromPolicy, StateVAEWithGAIL, ToldDiscriminator
 from tvae.device import seeded
 from tvae.envs.navigation import navigation_demonstrations
 from tvae.envs.zombie import ZombieAttackVectorEnv, zombie_demonstrations
@@ -45,6 +48,21 @@ def test_points_at_random_give_actions_like_the_demonstrations():
     assert np.angle(np.exp(1j * (heading - demonstrations.actions[:, 1].mean())).mean()) == pytest.approx(0, abs=0.1)
     far = BoxActions(demonstrations).raw(np.full((1, 2), 1e9))
     np.testing.assert_array_equal(far, BoxActions(demonstrations).raw(np.full((1, 2), MOST)))
+
+
+def test_noise_about_a_leaning_chooses_as_often_as_told():
+    demonstrations = noise([40, 60])
+    box = BoxActions(demonstrations)
+    told = {0: np.array([[0.9, 0.1]]), 2: np.array([[0.1, 0.6, 0.3, 0.0]])}
+    row = np.array([[1.0, 0.5, 0.0, 3.0]])
+    points = box.leaning(row, told)
+    rest = [1, 6]  # what does not choose stays
+    np.testing.assert_array_equal(points[:, rest], box.points(row)[:, rest])
+    around = points + np.random.default_rng(0).normal(size=(40_000, points.shape[1]))
+    done = box.raw(around)
+    assert done[:, 0].mean() == pytest.approx(0.1, abs=0.01)
+    often = np.bincount(done[:, 2].astype(int), minlength=4) / len(done)
+    np.testing.assert_allclose(often, told[2][0], atol=0.05)
 
 
 # Copies for Stable-Baselines3
@@ -210,3 +228,54 @@ def test_gail_counts_what_it_learns():
     facts = GAIL(Practice(2, 4, 8, 1, 2, 3)).learn(lesson).facts
     assert facts["gradient_steps"] == 2 * (2 + 3)
     assert 0 < lesson.steps.count <= 2 * 4 * 8
+
+
+# Both stages of Wang et al.
+
+
+def staged(lesson: Lesson) -> tuple[StateVAEWithGAIL, StateVAE, Sight]:
+    method = StateVAEWithGAIL(
+        StateTrajectoryVAE(hidden_features=16, num_steps=3), Practice(2, 4, 8, 1, 2, 3), Judging(batch_size=32)
+    )
+    return method, method.first.fit(lesson), Sight(lesson.demonstrations)
+
+
+def test_the_second_stage_starts_where_the_first_one_ended():
+    lesson = Lesson(zombie_demonstrations(12), TASKS["zombie"].world)
+    _, model, sight = staged(lesson)
+    start = FromPolicy(model.policy, sight)
+    episode = lesson.demonstrations[0]
+    features = sight.senses(torch.from_numpy(episode.observations[:3]).float())
+    codes = torch.randn(1, 8)
+    law, _ = model.policy(torch.from_numpy(episode.observations[None, :3]).float(), codes)
+    yes = torch.ones(1, 3, 2)
+    for step, before in ((0, 0), (1, 0), (2, 1)):
+        points = start.points(sight.state(features[step : step + 1], features[before : before + 1]), codes)
+        heading = sight.box.raw(points)[0, 1]
+        assert heading == pytest.approx(law.mode()[0, step, 1].item(), abs=1e-4)
+        around = points + np.random.default_rng(0).normal(size=(20_000, 2))
+        expected = law.log_prob_by_column(yes)[0, step, 0].exp().item()
+        assert sight.box.raw(around)[:, 0].mean() == pytest.approx(expected, abs=0.02)
+
+
+def test_the_discriminator_is_told_whose_code_it_is():
+    demonstrations = navigation_demonstrations(30)
+    sight = Sight(demonstrations)
+    codes = np.eye(3)[np.unique(demonstrations.attribute("label"), return_inverse=True)[1]]
+    with seeded(0, torch.device("cpu")):
+        reward = ToldDiscriminator(sight, codes, Judging(batch_size=128, learning_rate=1e-2))
+        right = sight.told(codes).demonstrated
+        own = Moments(sight.demonstrated.states, sight.demonstrated.actions, right.codes.roll(1, -1))
+        reward.improve(own, 60)
+    theirs = Moments(own.states, own.actions, right.codes)
+    assert reward.of(theirs).mean() > reward.of(own).mean() + 0.05
+    assert sight.demonstrated.codes.shape == (len(sight.demonstrated), 0)  # itself told nothing
+
+
+def test_both_stages_are_counted_and_acted_on():
+    lesson = Lesson(zombie_demonstrations(12), TASKS["zombie"].world)
+    method, _, _ = staged(lesson)
+    bots = method.learn(lesson)
+    assert bots.facts["gradient_steps"] == 3 + 2 * (2 + 3)
+    assert 0 < lesson.steps.count <= 2 * 4 * 8
+    assert set(bots.by_style) == {"attack", "avoid"}

@@ -13,6 +13,9 @@ spread as those of the demonstrations, with mean m, standard deviation s and rat
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 from gymnasium import spaces as gym
 from scipy.stats import norm
@@ -26,6 +29,10 @@ MOST = 10.0
 """Farthest from 0 that a number of the Box may be."""
 _RAREST = 1e-3
 _NARROWEST = 1e-3
+_FEWEST = 1e-4
+"""Smallest probability of a choice that noise must make."""
+_GUMBEL = math.pi / math.sqrt(6)
+"""Standard deviation of the noise with which the largest log-probability would be a draw."""
 
 
 class BoxActions:
@@ -82,6 +89,23 @@ class BoxActions:
             for column, part in enumerate(self._columns)
         ]
         return np.clip(np.concatenate(parts, axis=1), -MOST, MOST)
+
+    def leaning(self, rows: FloatArray, chances: Mapping[int, FloatArray]) -> FloatArray:
+        """(N, B) points of these actions from which noise N(0, 1) chooses about as often as it should.
+
+        `chances` holds, for columns of binary and categorical signals, the probability (N, K) of each value; a yes
+        comes exactly as often, if not too rarely, a category about as often: the largest of log p / 1.28 with noise.
+        """
+        points = self.points(rows)
+        for column, chance in chances.items():
+            part = self._columns[column]
+            known = chance.clip(_FEWEST, 1 - _FEWEST)
+            if column in self.signals.binary:
+                threshold = self._threshold[self.signals.binary.tolist().index(column)]
+                points[:, part[0]] = threshold + norm.ppf(known[:, 1])
+            else:
+                points[:, part] = np.log(known) / _GUMBEL
+        return points
 
 
 def _columns(signals: Space) -> list[list[int]]:

@@ -23,70 +23,18 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
-from torch.nn.functional import softplus
+from torch import Tensor
 
 from tvae.baselines.contract import AnyOf, Bots, Lesson, NoCode, by_label
 from tvae.baselines.descending import CPU, num_parameters
+from tvae.baselines.judging import Discriminator, Judging, network
 from tvae.baselines.moments import Moments, Sight
 from tvae.baselines.practice import Practice, PracticedPolicy
 from tvae.device import seeded
 from tvae.spaces import FloatArray
 
-_MOST = 10.0
-"""Largest logit that is rewarded."""
 _LEAST = -3.0
 """Smallest log K Q that is rewarded."""
-
-
-def network(sight: Sight, hidden_features: int, out_features: int) -> nn.Sequential:
-    """An MLP over [x_t; a_t]."""
-    return nn.Sequential(
-        nn.Linear(sight.demonstrated.pairs.shape[1], hidden_features),
-        nn.Tanh(),
-        nn.Linear(hidden_features, hidden_features),
-        nn.Tanh(),
-        nn.Linear(hidden_features, out_features),
-    )
-
-
-@dataclass(frozen=True)
-class Judging:
-    """How discriminator and posterior are learnt."""
-
-    penalty: float = 0.01
-    batch_size: int = 512
-    """Own moments in a gradient step, and as many demonstrated ones."""
-    learning_rate: float = 1e-3
-    hidden_features: int = 64
-
-
-class Discriminator:
-    """f, a `LearntReward`."""
-
-    def __init__(self, sight: Sight, judging: Judging) -> None:
-        self.sight, self.judging = sight, judging
-        self.logit = network(sight, judging.hidden_features, 1)
-        self._optimizer = torch.optim.Adam(self.logit.parameters(), lr=judging.learning_rate)
-
-    @torch.no_grad()
-    def of(self, moments: Moments) -> Float[Tensor, " N"]:
-        """f of each moment."""
-        return self.logit(moments.pairs)[:, 0].clamp(-_MOST, _MOST)
-
-    def improve(self, own: Moments, num_steps: int) -> None:
-        """Descend on the loss of D."""
-        for _ in range(num_steps):
-            mine = own.drawn(self.judging.batch_size).pairs
-            theirs = self.sight.drawn(self.judging.batch_size).pairs
-            share = torch.rand(len(mine), 1)
-            between = (share * mine + (1 - share) * theirs).requires_grad_()
-            (slope,) = torch.autograd.grad(self.logit(between).sum(), between, create_graph=True)
-            loss = softplus(self.logit(mine)).mean() + softplus(-self.logit(theirs)).mean()
-            loss = loss + self.judging.penalty * slope.square().sum(-1).mean()
-            self._optimizer.zero_grad()
-            loss.backward()
-            self._optimizer.step()
 
 
 class Informed:

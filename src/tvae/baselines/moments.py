@@ -8,6 +8,7 @@ demonstrations, so that a turn of a tenth of a radian counts where all turns are
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,11 @@ class Moments:
 
     def __len__(self) -> int:
         return len(self.states)
+
+    @property
+    def told(self) -> Moments:
+        """The same, whose codes are seen as part of the state."""
+        return Moments(torch.cat([self.states, self.codes], dim=-1), self.actions, self.codes)
 
     @property
     def pairs(self) -> Float[Tensor, "N XY"]:
@@ -101,6 +107,13 @@ class Sight:
         """Features of raw actions (N, A)."""
         values = self.senses.actions.values(torch.from_numpy(rows).float())
         return self._standardised(self.senses.actions.features(values))
+
+    def told(self, codes: FloatArray) -> Sight:
+        """The same, whose demonstrated moments see the codes (E, Z) of their demonstrations as part of the state."""
+        told, own = copy(self), self.demonstrated
+        each = torch.from_numpy(codes).float()[self.episodes]
+        told.demonstrated = Moments(own.states, own.actions, each).told
+        return told
 
     def drawn(self, count: int) -> Moments:
         """Demonstrated moments by torch's generator, of each demonstration as often, however long it is."""

@@ -1,9 +1,10 @@
 """Learning by acting: a policy that seeks a learnt reward in the environment, by PPO.
 
 Source: Schulman et al., "Proximal policy optimization algorithms" (2017, arXiv 1707.06347), as Stable-Baselines3 has
-it. The policy is pi(b_t | x_t, c): a Gaussian over points b of a Box (`tvae.baselines.boxes`), where x_t is the present
-state with its last change (`tvae.baselines.moments`) and c the code of the episode, or nothing. Nothing is seen of the
-environment's own reward. An episode that is cut off at its longest counts as one that has ended.
+it. The policy is pi(b_t | x_t, c): a Gaussian over what is added to a start b_0(x_t, c), a point of a Box
+(`tvae.baselines.boxes`), where x_t is the present state with its last change (`tvae.baselines.moments`) and c the code
+of the episode, or nothing. Nothing is seen of the environment's own reward. An episode that is cut off at its longest
+counts as one that has ended.
 """
 
 from __future__ import annotations
@@ -44,6 +45,30 @@ class LearntReward(Protocol):
     def improve(self, own: Moments, num_steps: int) -> None:
         """Learn from the policy's own moments of a round, in so many gradient steps."""
         ...
+
+
+@runtime_checkable
+class Start(Protocol):
+    """Where in the Box a policy begins: it learns what to add."""
+
+    def points(self, states: Float[Tensor, "N X"], codes: Float[Tensor, "N Z"]) -> FloatArray:
+        """(N, B), or (1, B) for all alike."""
+        ...
+
+
+class Middle:
+    """The middle of the Box: a typical action of the demonstrations.
+
+    >>> Middle().points(torch.zeros(3, 4), torch.zeros(3, 0)).tolist()
+    [[0.0]]
+    """
+
+    def points(self, states: Float[Tensor, "N X"], codes: Float[Tensor, "N Z"]) -> FloatArray:
+        """(1, 1)"""
+        return np.zeros((1, 1))
+
+
+_MIDDLE = Middle()
 
 
 @dataclass(frozen=True)
@@ -93,10 +118,12 @@ class Practice:
             return replace(self, num_rounds=rounds)
         return replace(self, num_rounds=1, num_epochs=1, num_batches=1, reward_steps=1)
 
-    def learn(self, lesson: Lesson, sight: Sight, codes: Codes, reward: LearntReward) -> ActorCriticPolicy:
+    def learn(
+        self, lesson: Lesson, sight: Sight, codes: Codes, reward: LearntReward, start: Start = _MIDDLE
+    ) -> ActorCriticPolicy:
         """The policy, after all rounds: act, improve the reward, improve the policy. Counts the lesson's steps."""
         envs = lesson.steps.of(lesson.world.envs(self.num_copies))
-        ground = PracticeGround(envs, sight, codes, reward, lesson.seed)
+        ground = PracticeGround(envs, sight, codes, reward, lesson.seed, start)
         with _own_randomness(lesson.seed):
             learner = PPO(
                 ActorCriticPolicy,
@@ -137,8 +164,10 @@ class PracticeGround(VecEnv):
     before it, its observation is 0, and what is done there changes nothing and is rewarded with 0.
     """
 
-    def __init__(self, envs: Envs, sight: Sight, codes: Codes, reward: LearntReward, seed: int) -> None:
-        self._envs, self._sight, self._codes, self._reward = envs, sight, codes, reward
+    def __init__(
+        self, envs: Envs, sight: Sight, codes: Codes, reward: LearntReward, seed: int, start: Start = _MIDDLE
+    ) -> None:
+        self._envs, self._sight, self._codes, self._reward, self._start = envs, sight, codes, reward, start
         self._random = np.random.default_rng(seed)
         self._infos: list[dict[str, Any]] = [{} for _ in range(envs.num_envs)]
         self._own: list[Moments] = []
@@ -160,7 +189,8 @@ class PracticeGround(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations (N, X + Z), rewards (N,), whether the episodes ended (N,), and nothing more about each."""
-        action = unflatten(self._envs.single_action_space, self._sight.box.raw(self._points.astype(np.float64)))
+        points = self._points.astype(np.float64) + self._start.points(self._state, self._code)
+        action = unflatten(self._envs.single_action_space, self._sight.box.raw(points))
         value, _, terminated, truncated, _ = self._envs.step(action)
         rows = flatten(self._envs.single_action_space, action)
         moments = Moments(self._state, self._sight.action(rows), self._code)
@@ -233,8 +263,8 @@ class _Improving(BaseCallback):
 class PracticedPolicy:
     """A `Policy`: actions drawn from pi(b_t | x_t, c), and a code of its own in each episode."""
 
-    def __init__(self, network: ActorCriticPolicy, sight: Sight, codes: Codes) -> None:
-        self.network, self.sight, self.codes = network, sight, codes
+    def __init__(self, network: ActorCriticPolicy, sight: Sight, codes: Codes, start: Start = _MIDDLE) -> None:
+        self.network, self.sight, self.codes, self.start = network, sight, codes, start
 
     def reset(self, num_episodes: int, seed: int) -> None:
         """Begin `num_episodes` new episodes."""
@@ -250,4 +280,4 @@ class PracticedPolicy:
         self._last = features
         with seeded(int(self._random.integers(2**62)), CPU):
             points = self.network.get_distribution(torch.cat([state, self._code], dim=-1)).sample()
-        return self.sight.box.raw(points.double().numpy())
+        return self.sight.box.raw(points.double().numpy() + self.start.points(state, self._code))

@@ -34,7 +34,8 @@ def rollout(
     style
         Number of the style, or its label where the data had labels.
     env
-        Gymnasium id; by default the environment in which the run tried its bots.
+        Gymnasium id, or MODULE:NAME of a parallel environment of PettingZoo, in which all players are bots of the
+        style; by default the environment in which the run tried its bots.
     episodes
         How many; by default as many as the run's bots played.
     window

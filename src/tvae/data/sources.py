@@ -22,6 +22,7 @@ from tvae.spaces import Space
 
 MINARI_PREFIX = "minari:"
 DIRECTORY_SUFFIX = ".tvae"
+_NO_TABLE = "only a table can be prepared, by its columns, players, times or missing values"
 
 
 def load_demonstrations(
@@ -75,9 +76,9 @@ def load_demonstrations(
             action_space=action_space,
         )
     assert isinstance(source, str | Path)
-    if preparation != replace(AS_RECORDED, degrees=preparation.degrees):
-        raise DataError(f"{source}: only a table can be prepared, by its columns, players, times or missing values")
-    demonstrations = _read(source)
+    if preparation != replace(AS_RECORDED, degrees=preparation.degrees, columns=preparation.columns):
+        raise DataError(f"{source}: {_NO_TABLE}")
+    demonstrations = _read(source, preparation.columns)
     try:
         demonstrations = with_kinds(demonstrations, kinds, preparation.degrees)
         check_spaces(demonstrations, observation_space, action_space)
@@ -101,14 +102,16 @@ def _is_episodes(directory: str | Path) -> bool:
     return (Path(directory) / HEADER_NAME).is_file() or find_minari(str(directory)) is not None
 
 
-def _read(source: str | Path) -> Demonstrations:
+def _read(source: str | Path, columns: Sequence[str]) -> Demonstrations:
     text, path = str(source), Path(source)
     if text.startswith(MINARI_PREFIX):
-        return read_minari(text.removeprefix(MINARI_PREFIX))
+        return read_minari(text.removeprefix(MINARI_PREFIX), columns)
     if (path / HEADER_NAME).is_file():
+        if columns:
+            raise DataError(f"{source}: {_NO_TABLE}")
         return Demonstrations.open(path)
     if find_minari(text) is not None:
-        return read_minari(text)
+        return read_minari(text, columns)
     if path.is_dir():
         raise DataError(
             f"{source}: a directory without {HEADER_NAME} (of demonstrations), without metadata.json or "

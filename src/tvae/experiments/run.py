@@ -16,7 +16,7 @@ from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
-from tvae.experiments.bots import try_bots
+from tvae.experiments.bots import check_arena, try_bots
 from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
 from tvae.experiments.recipe import Recipe
 from tvae.experiments.remedies import doubts
@@ -49,6 +49,8 @@ def new_run(
     source = source.absolute()
     demonstrations = source.load()
     _check(demonstrations, config, device)
+    if arena is not None:
+        check_arena(arena, demonstrations.observation_space, demonstrations.action_space)
     run = RunDirectory.create(out, force=force)
     begin(run, demonstrations, About(config, source, arena, out.name, tuple(command)))
     return Begun(run, demonstrations)

@@ -149,13 +149,15 @@ def _games(path: Path) -> Demonstrations:
 
 
 def held_out_pairs(pairs: list[str], seed: int) -> list[str]:
-    """Four of these pairs, drawn with the seed, `ALONE` never among them.
+    """Four of these pairs, or half of them where there are few, drawn with the seed; `ALONE` is never among them.
 
-    >>> held_out_pairs(["1", "2", "3", "4", "19"], 0)
-    ['1', '2', '3', '4']
+    >>> held_out_pairs(["1", "2", "19"], 0)
+    ['2']
     """
     others = sorted(set(pairs) - {ALONE}, key=int)
-    return sorted(np.random.default_rng(seed).choice(others, min(_HELD_OUT_PAIRS, len(others) - 1), False), key=int)
+    count = min(_HELD_OUT_PAIRS, len(others) // 2)
+    drawn: list[str] = np.random.default_rng(seed).choice(others, count, replace=False).tolist()
+    return sorted(drawn, key=int)
 
 
 def _of_pairs(data: Path, seed: int, *, held_out: bool) -> Demonstrations:

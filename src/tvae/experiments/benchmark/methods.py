@@ -87,6 +87,12 @@ def _infogail(task: str, cells: Path) -> Method:
     return from_extra("tvae.baselines.gail", "InfoGAIL", "imitation", num_codes=len(TASKS[task].labels))(task, cells)
 
 
+def _state_vae_gail(task: str, cells: Path) -> Method:
+    """With the first stage as it is alone."""
+    first = _coded(StateTrajectoryVAE())(task, cells)
+    return from_extra("tvae.baselines.state_vae_gail", "StateVAEWithGAIL", "imitation", first=first)(task, cells)
+
+
 METHODS: Mapping[str, Entry] = {
     "demonstrators": Entry("Scripted demonstrators", _always(Demonstrators()), (Need.DEMONSTRATORS,)),
     "people": Entry("The people themselves", lambda task, cells: People(task), tasks=("pusht", "overcooked")),
@@ -110,6 +116,7 @@ METHODS: Mapping[str, Entry] = {
         (Need.ENVIRONMENT, Need.NUMBER),
     ),
     "state_vae": Entry("State-only trajectory VAE", _coded(StateTrajectoryVAE())),
+    "state_vae_gail": Entry("State-only trajectory VAE, then GAIL", _state_vae_gail, (Need.ENVIRONMENT,)),
     "sectar": Entry("SeCTAR, one level", _coded(SelfConsistentTrajectories())),
     "indexed": Entry("Code for each trajectory (ZBC)", _coded(IndexedCloning())),
     "labelled": Entry("Cloning given the true label", _coded(LabelledCloning()), (Need.LABELS,)),

@@ -31,7 +31,7 @@ class Recorded:
     action again. The benchmark measures `episodes` themselves, and does not play.
 
     >>> from tvae.envs.zombie import zombie_demonstrations
-    >>> demonstrations = zombie_demonstrations(1)
+    >>> demonstrations = zombie_demonstrations(2).select([0])
     >>> policy = Recorded(demonstrations)
     >>> policy.reset(1, seed=0)
     >>> [bool((policy.act(np.zeros((1, 4)))[0] == action).all()) for action in demonstrations[0].actions[:2]]

@@ -26,7 +26,6 @@ NOTES = {
     "overcooked": " A game is 400 steps, and so are soups counted. The people: their recordings of 200 steps.",
 }
 """What a reader must know beside."""
-
 _WITHOUT_STYLES = (
     ("fit", "trajectory_fit", 2),
     ("env steps", "env_steps", 0),
