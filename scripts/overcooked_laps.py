@@ -11,9 +11,9 @@ out beside it:
   regression that tells net laps from the mean of z, and from a sample of it, its penalty chosen by leaving pairs of the
   training out; and the adjusted Rand index of the found styles, each called what most of its training segments do,
   against what the segments do (clockwise, counter-clockwise, or none where net laps are below 2 either way);
-- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do: net laps and soups, beside those
-  of the people of these styles. As the bound leaves the policy, with sampled actions (`bound`); after 2,000 steps of
-  the policy alone (`alone`); then with the temperature 0.7 (`cooler`), and `Restless` too (`restless`). The policy's
+- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do: net laps and soups, beside
+  those of the people of these styles. As the bound leaves the policy, with sampled actions (`bound`); after 2,000 steps
+  of the policy alone (`alone`); then with the temperature 0.7 (`cooler`), and `Restless` too (`restless`). The policy's
   nets are twice as wide here as in `tvae demo overcooked`.
 
 Each part is a file under OUT/parts and skipped when it is there.
