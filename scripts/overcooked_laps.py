@@ -11,8 +11,10 @@ out beside it:
   regression that tells net laps from the mean of z, and from a sample of it, its penalty chosen by leaving pairs of the
   training out; and the adjusted Rand index of the found styles, each called what most of its training segments do,
   against what the segments do (clockwise, counter-clockwise, or none where net laps are below 2 either way);
-- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do, sampled actions, alone and
-  `Restless`: net laps and soups, beside those of the people of these styles.
+- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do: net laps and soups, beside
+  those of the people of these styles. As the bound leaves the policy, with sampled actions (`bound`); after 2,000 steps
+  of the policy alone (`alone`); then with the temperature 0.7 (`cooler`), and `Restless` too (`restless`). The policy's
+  nets are twice as wide here as in `tvae demo overcooked`.
 
 Each part is a file under OUT/parts and skipped when it is there.
 """
@@ -23,7 +25,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -51,11 +53,13 @@ from tvae.experiments.tasks import overcooked
 from tvae.files import appearing
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.restless import Restless
+from tvae.model.decoding import Tempered
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import Policy, rollout
 from tvae.spaces import FloatArray, IntArray
 from tvae.train.fitting import new_model
 from tvae.train.loop import evaluate, train
+from tvae.train.policy import train_policy
 
 ALONE = "19"
 """The only pair that goes round counter-clockwise."""
@@ -63,6 +67,7 @@ FOLDS = 7
 NAMES = {1: "clockwise", -1: "counter-clockwise", 0: "none"}
 PENALTIES = np.logspace(-1, 3, 9)
 GAMES, STEPS, LAPS = 100, 400, 4
+POLICY_FEATURES, POLICY_STEPS, TEMPERATURE = 256, 2_000, 0.7
 
 
 def does(laps: FloatArray) -> IntArray:
@@ -163,21 +168,33 @@ def bots(*, seed: int) -> dict[str, Any]:
     """Games of the bots of a model of all pairs, one for each thing that the found styles do."""
     recipe = overcooked(None, seed)
     demonstrations = recipe.demonstrations()
-    model = fitted(demonstrations, recipe.config)
+    wide = replace(recipe.config.model, policy_features=POLICY_FEATURES)
+    model = fitted(demonstrations, replace(recipe.config, model=wide))
     people = judged(demonstrations)
     playstyles = find_playstyles(encode(model, people), seed=seed)
     names = np.array(names_of(playstyles, net_laps(people)))
-    found: dict[str, Any] = {}
-    for name in sorted(set(names.tolist()), reverse=True):
-        styles = [style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this]
-        theirs = people.select(np.flatnonzero(names[playstyles.assignment] == name))
-        policy = LatentPolicy(model, Together(styles))
-        found[NAMES[name]] = {
-            "styles": len(styles),
-            "segments": len(theirs),
-            "restless": games(Restless(policy, demonstrations), name, theirs, seed),
-            "alone": games(policy, name, theirs, seed),
+    latents = {
+        name: Together([style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this])
+        for name in sorted(set(names.tolist()), reverse=True)
+    }
+    theirs = {name: people.select(np.flatnonzero(names[playstyles.assignment] == name)) for name in latents}
+    found: dict[str, Any] = {
+        NAMES[name]: {
+            "styles": len(z.styles),
+            "segments": len(theirs[name]),
+            "bound": games(LatentPolicy(model, z), name, theirs[name], seed),
         }
+        for name, z in latents.items()
+    }
+    assignment, _ = playstyles.assign(encode(model, demonstrations))
+    train_policy(model, demonstrations, playstyles.styles, assignment, num_steps=POLICY_STEPS, seed=seed)
+    for name, z in latents.items():
+        policies = {
+            "alone": LatentPolicy(model, z),
+            "cooler": LatentPolicy(model, z, choice=Tempered(TEMPERATURE)),
+            "restless": Restless(model, z, demonstrations, temperature=TEMPERATURE),
+        }
+        found[NAMES[name]] |= {way: games(policy, name, theirs[name], seed) for way, policy in policies.items()}
     return found
 
 

@@ -2,20 +2,23 @@
 
 import numpy as np
 import pytest
+import torch
+from torch.distributions import Categorical
 
 from tvae.data.arrays import from_arrays
 from tvae.data.trajectory import DataError
+from tvae.device import seeded
+from tvae.distributions import Columns, Joint
 from tvae.generate.restless import Restless
+from tvae.model.decoding import Fixed
+from tvae.model.tvae import TrajectoryVAE
+from tvae.spaces import Categorical as Choices
+from tvae.spaces import Continuous, Space
 
 
-class Waiting:
-    """Does nothing, and remembers when it began."""
-
-    def reset(self, num_episodes, seed):
-        self.begun = (num_episodes, seed)
-
-    def act(self, observations):
-        return np.zeros((len(observations), 1))
+def law(copies: int, favourite: float) -> Joint:
+    logits = torch.tensor([favourite, 0.0, 0.0]).expand(copies, 1, 3)
+    return Joint(1, (Columns(torch.tensor([0]), Categorical(logits=logits)),))
 
 
 def walks(*places):
@@ -25,30 +28,64 @@ def walks(*places):
     )
 
 
-def test_each_episode_is_freed_on_its_own_and_rests_again_once_something_changed():
-    demonstrations = walks([0, 0, 0, 1, 1, 1, 2])
-    bot = Restless(Waiting(), demonstrations)
-    assert bot.longest_rest == 2
-    bot.reset(2, seed=5)
-    assert bot.policy.begun == (2, 5)
-    seen = np.array([[[9, 1], [9, 2], [9, 3], [9, 4], [8, 4], [8, 4]]]).reshape(6, 2, 1).astype(float)
-    acted = np.array([bot.act(observations)[:, 0] for observations in seen])
-    freed = acted != 0
-    assert freed[:, 0].tolist() == [False, False, False, True, False, False]
-    assert not freed[:, 1].any()
-    assert acted[3, 0] in {3.0, 6.0}  # what was done when something changed
+def bot(demonstrations, **options) -> Restless:
+    model = TrajectoryVAE(Space((Continuous("x"),)), Space((Choices("move", ("a", "b", "c")),)), hidden_features=4)
+    return Restless(model, Fixed(np.zeros(2)), demonstrations, **options)
 
 
-def test_the_same_seed_frees_in_the_same_way():
-    bot = Restless(Waiting(), walks([0, 0, 1, 2, 3, 4, 4, 5]))
-    still, found = np.zeros((1, 1)), []
-    for _ in range(2):
-        bot.reset(1, seed=3)
-        found.append([bot.act(still).item() for _ in range(9)])
-    assert found[0] == found[1]
-    assert len(set(found[0])) > 2
+def chosen(policy: Restless, seen: np.ndarray, favourite: float, seed: int = 5) -> np.ndarray:
+    """(T, N) actions for what is seen (T, N)."""
+    policy.reset(seen.shape[1], seed)
+    with seeded(seed, torch.device("cpu")):
+        steps = [policy.choose(law(seen.shape[1], favourite), observations[:, None]) for observations in seen]
+    return torch.stack(steps)[..., 0].numpy()
 
 
-def test_people_who_never_do_anything_free_nobody():
+RESTS = walks([0, 0, 0, 1, 1, 1, 2])
+
+
+def test_a_rest_that_lasts_too_long_is_ended_by_what_was_not_tried_in_it_and_each_episode_is_its_own():
+    policy = bot(RESTS)
+    assert policy.longest_rest == 2
+    seen = np.array([[9.0, 1], [9, 2], [9, 3], [9, 4], [9, 5]])
+    acted = chosen(policy, seen, favourite=5.0)
+    assert acted[:3, 0].tolist() == [0, 0, 0]
+    assert set(acted[3:, 0].tolist()) == {1, 2}
+    assert not acted[:, 1].any()
+
+
+def test_where_something_changed_nothing_counts_as_tried():
+    seen = np.repeat([[9.0], [8.0]], 3, axis=0)
+    assert not chosen(bot(RESTS), seen, favourite=30.0).any()
+
+
+def test_after_too_long_a_rest_it_is_hotter_for_as_long_as_a_rest_may_last():
+    seen = np.repeat(np.array([[9.0], [9], [9], [9], [1], [2], [3], [4]]), 4000, axis=1)
+    first = (chosen(bot(RESTS), seen, favourite=3.0) == 0).mean(axis=1)
+    usual, hot = (torch.tensor([3.0, 0, 0]).div(t).softmax(0)[0].item() for t in (1.0, 1.5))
+    np.testing.assert_allclose(first[[0, 1, 2, 6, 7]], usual, atol=0.03)
+    np.testing.assert_allclose(first[[4, 5]], hot, atol=0.03)
+
+
+def test_a_temperature_counts_everywhere():
+    seen = np.arange(4000.0)[None]
+    first = (chosen(bot(RESTS, temperature=0.5), seen, favourite=1.0) == 0).mean()
+    assert first == pytest.approx(torch.tensor([2.0, 0, 0]).softmax(0)[0].item(), abs=0.03)
+
+
+def test_the_same_seed_gives_the_same_episodes():
+    policy, seen = bot(RESTS), np.zeros((9, 3))
+    assert (chosen(policy, seen, 0.0) == chosen(policy, seen, 0.0)).all()
+
+
+def test_it_plays_as_any_policy_does():
+    policy = bot(RESTS)
+    policy.reset(2, seed=0)
+    acted = [policy.act(np.zeros((2, 1))) for _ in range(6)]
+    assert np.shape(acted) == (6, 2, 1)
+    assert set(np.unique(acted)) <= {0.0, 1.0, 2.0}
+
+
+def test_people_who_never_do_anything_tell_of_no_rest():
     with pytest.raises(DataError, match="demonstrations in which something changes"):
-        Restless(Waiting(), walks([0, 0, 0]))
+        bot(walks([0, 0, 0]))

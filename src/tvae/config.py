@@ -17,6 +17,8 @@ class ModelConfig:
     """Size of z. 0 gives the same model without a latent."""
     hidden_features: int = 64
     """Size of every recurrent net."""
+    policy_features: int | None = None
+    """Size of the policy decoder's, where it is to be another."""
     dropout: float = 0.0
     """Probability with which a feature inside a network is dropped in training."""
     window: int | None = 4
@@ -78,11 +80,24 @@ class TrainingConfig:
 
 
 @dataclass(frozen=True)
+class PolicyConfig:
+    """The arguments of `tvae.train.policy.train_policy`, which follows where there are steps of it."""
+
+    num_steps: int = 0
+    """Steps in which the policy alone learns from z of the found styles, as its bots will get them."""
+    batch_size: int = 256
+    """Moments in a step."""
+    learning_rate: float = 3e-3
+    """Of AdamW, at the start."""
+
+
+@dataclass(frozen=True)
 class RunConfig:
     """A whole run."""
 
     model: ModelConfig = field(default_factory=ModelConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
+    policy: PolicyConfig = field(default_factory=PolicyConfig)
     seed: int = 0
     group: str | None = None
     """Attribute whose groups stay whole when demonstrations are split, such as a pair of players."""
@@ -105,6 +120,7 @@ class RunConfig:
                 TrainingConfig,
                 {**data["training"], "kl_points": tuple(tuple(p) for p in data["training"]["kl_points"])},
             ),
+            policy=_read(PolicyConfig, data.get("policy", {})),
             seed=int(data["seed"]),
             group=data["group"],
         )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
-from tvae.cli.options import COLUMNS, CONSOLE, MODEL, TRAINING, Columns, Device, Flag, Force, Out, Seed
+from tvae.cli.options import COLUMNS, CONSOLE, MODEL, POLICY, TRAINING, Columns, Device, Flag, Force, Out, Seed
 from tvae.cli.tracking import TRACKING, Tracking
-from tvae.config import ModelConfig, RunConfig, TrainingConfig
+from tvae.config import ModelConfig, PolicyConfig, RunConfig, TrainingConfig
 from tvae.errors import TvaeError
 from tvae.experiments.arenas import Arena
 from tvae.experiments.run import complete, new_run, resumed_run
@@ -28,6 +28,7 @@ def fit(
     tracking: Tracking = TRACKING,
     model: ModelConfig = MODEL,
     training: TrainingConfig = TRAINING,
+    policy: PolicyConfig = POLICY,
 ) -> None:
     """Train on demonstrations, find and describe their styles, write a report.
 
@@ -51,7 +52,7 @@ def fit(
     elif data is None:
         raise TvaeError("tvae fit needs a data set, or --resume to go on with the run in --out")
     else:
-        config = RunConfig(model=model, training=training, seed=seed, group=group)
+        config = RunConfig(model=model, training=training, policy=policy, seed=seed, group=group)
         arena = None if env is None else Arena(env, episodes=episodes)
         begun = new_run(
             out, Source(data, columns), config, arena, command=sys.argv, device=device, force=force

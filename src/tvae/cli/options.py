@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 from cyclopts import Parameter
 from rich.console import Console
 
-from tvae.config import ModelConfig, TrainingConfig
+from tvae.config import ModelConfig, PolicyConfig, TrainingConfig
 from tvae.errors import TvaeError
 from tvae.experiments.source import Reading
 from tvae.model.decoding import Choice, Tempered, sampled
@@ -17,6 +17,7 @@ from tvae.model.decoding import most_likely as _most_likely
 CONSOLE = Console()
 MODEL = ModelConfig()
 TRAINING = TrainingConfig()
+POLICY = PolicyConfig()
 
 
 Columns: TypeAlias = Annotated[Reading, Parameter(name="*", negative="")]

@@ -28,7 +28,7 @@ def compare_without_latent(
     config = replace(about.config, model=replace(about.config.model, latent_features=0))
     directory = run.directory.path / "without_latent"
     directory.mkdir(exist_ok=True)
-    with watching(config.training.num_steps, directory / "tensorboard", console) as observer:
+    with watching(config, directory / "tensorboard", console) as observer:
         plain, _ = trained(
             demonstrations, config, checkpoint=directory / "checkpoint.safetensors", device=device, observer=observer
         )

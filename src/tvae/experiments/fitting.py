@@ -17,6 +17,8 @@ import tvae
 from tvae.config import RunConfig, TrainingConfig
 from tvae.data.batches import evenly, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
+from tvae.evaluate.encoding import encode
+from tvae.evaluate.playstyles import find_playstyles
 from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import together, watching
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
@@ -28,6 +30,7 @@ from tvae.train.diagnosis import TrainingWarning
 from tvae.train.fitting import new_model
 from tvae.train.loop import MOST_JUDGED_STEPS, Observer, evaluate, train
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
+from tvae.train.policy import train_policy
 from tvae.train.schedules import Budget, KLSchedule, Piecewise
 
 
@@ -96,7 +99,7 @@ def fit_run(
         ExitStack() as stack,
     ):
         tracked = [stack.enter_context(tracker.watching(about.title, config.to_json())) for tracker in trackers]
-        shown = stack.enter_context(watching(config.training.num_steps, run.tensorboard, console))
+        shown = stack.enter_context(watching(config, run.tensorboard, console))
         warnings.simplefilter("always", TrainingWarning)
         model, records = trained(
             demonstrations,
@@ -132,7 +135,11 @@ def fit_run(
 def trained(
     demonstrations: Demonstrations, config: RunConfig, *, checkpoint: Path, device: str, observer: Observer
 ) -> tuple[TrajectoryVAE, tuple[Record, ...]]:
-    """The model of a configuration, trained on all but its held-out demonstrations, and its evaluations."""
+    """The model of a configuration, trained on all but its held-out demonstrations, and its evaluations.
+
+    Where the configuration has steps for the policy alone, these follow, with the styles found among the training
+    demonstrations; the evaluations are those before.
+    """
     training, held_out = split(demonstrations, config)
     model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
     settings = config.training
@@ -154,6 +161,17 @@ def trained(
         checkpoint=checkpoint,
         observer=observer,
     )
+    if config.policy.num_steps:
+        found = find_playstyles(encode(model, training), seed=config.seed)
+        train_policy(
+            model,
+            training,
+            found.styles,
+            found.assignment,
+            **asdict(config.policy),
+            seed=config.seed,
+            on_step=observer.on_policy_step,
+        )
     return model, records
 
 

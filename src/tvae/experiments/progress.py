@@ -11,16 +11,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch.utils.tensorboard import SummaryWriter
 
+from tvae.config import RunConfig
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.loop import Observer
 
 
 @contextmanager
-def watching(num_steps: int, tensorboard: Path, console: Console) -> Iterator[Observer]:
+def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator[Observer]:
     """An observer of a training that draws a bar on `console` and writes events to `tensorboard`."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as bar, SummaryWriter(str(tensorboard), purge_step=0) as events:
-        task = bar.add_task("training", total=num_steps)
+        task = bar.add_task("training", total=config.training.num_steps)
+        further = bar.add_task("policy alone", total=config.policy.num_steps, visible=config.policy.num_steps > 0)
 
         def on_step(step: int, terms: Terms) -> None:
             words = f"policy {terms.policy:.1f}  state {terms.state:.1f}  KL {terms.kl:.2f} nats"
@@ -31,7 +33,11 @@ def watching(num_steps: int, tensorboard: Path, console: Console) -> Iterator[Ob
                 events.add_scalar(name, number, record.step)
             bar.update(task, completed=record.step)
 
-        yield Observer(on_step, on_record)
+        def on_policy_step(step: int, nats: float) -> None:
+            events.add_scalar("policy_alone/log_likelihood", nats, step)
+            bar.update(further, completed=step, description=f"policy alone {nats:.2f} nats")
+
+        yield Observer(on_step, on_record, on_policy_step)
 
 
 def scalars(record: Record) -> dict[str, float]:
@@ -66,7 +72,11 @@ def together(observers: Sequence[Observer]) -> Observer:
         for observer in observers:
             observer.on_record(record)
 
-    return Observer(on_step, on_record)
+    def on_policy_step(step: int, nats: float) -> None:
+        for observer in observers:
+            observer.on_policy_step(step, nats)
+
+    return Observer(on_step, on_record, on_policy_step)
 
 
 @contextmanager

@@ -11,10 +11,12 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
+from torch import Tensor
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.device import seeded
+from tvae.distributions import RowDistribution
 from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
 from tvae.model.decoding import (
     Choice,
@@ -79,9 +81,13 @@ class LatentPolicy:
         inputs = model.policy_decoder_inputs(tensor_of(model, observations), self._events.done)
         law = self._events.law(model.policy_decoder.law(self._recurrence.step(inputs)))
         with self._next_seed():
-            actions = self.choice(law)
+            actions = self.choose(law, observations)
         self._events.note(law, actions)
         return model.action_normalizer.raw(actions).double().cpu().numpy()
+
+    def choose(self, law: RowDistribution, observations: FloatArray) -> Tensor:
+        """Values of the next actions (N, A), given their law and the present observations (N, O)."""
+        return self.choice(law)
 
 
 class Agent:

@@ -43,6 +43,7 @@ class TrajectoryVAE(Saved):
         observation_space, action_space: what rows are made of.
         latent_features: Z; 0 gives the same model without a latent.
         hidden_features: H of every recurrent net.
+        policy_features: H of the policy decoder, where it is to be another.
         dropout: probability with which a feature inside a network is dropped in training.
         window: the most past states that a decoder sees; None for all of them.
         stop: whether the end of an episode is modelled, p(end_t | s_1:t, z).
@@ -77,6 +78,7 @@ class TrajectoryVAE(Saved):
         *,
         latent_features: int = 2,
         hidden_features: int = 64,
+        policy_features: int | None = None,
         dropout: float = 0.0,
         window: int | None = None,
         stop: bool = True,
@@ -105,6 +107,7 @@ class TrajectoryVAE(Saved):
         self.arguments = {
             "latent_features": latent_features,
             "hidden_features": hidden_features,
+            "policy_features": policy_features,
             "dropout": dropout,
             "window": window,
             "stop": stop,
@@ -158,7 +161,7 @@ class TrajectoryVAE(Saved):
             policy_trunk(
                 states + self.perception.num_features + self.events.num_events,
                 latent_features,
-                hidden_features,
+                hidden_features if policy_features is None else policy_features,
                 dropout,
             ),
             floor=action_floor,

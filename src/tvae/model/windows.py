@@ -49,6 +49,21 @@ def cut_anywhere(batch: TrajectoryBatch, window: int | None) -> Windows:
     return whole(batch) if window is None else cut(batch.lengths, window, int(torch.randint(window, ())))
 
 
+def drawn(batch: TrajectoryBatch, window: int | None) -> Windows:
+    """What a bot with the rolling window W sees at one random moment of each trajectory, which alone counts.
+
+    None, a window without end, gives whole trajectories, all steps of which count.
+    """
+    if window is None:
+        return whole(batch)
+    window = min(window, int(batch.lengths.max()))
+    moment = (torch.rand_like(batch.lengths, dtype=torch.float64) * batch.lengths).long()
+    start = (moment - window + 1).clamp_min(0)
+    steps = start[:, None] + torch.arange(window, device=batch.lengths.device)
+    everyone = torch.arange(len(batch), device=batch.lengths.device)
+    return Windows(everyone, steps.clamp_max(batch.actions.shape[1] - 1), steps == moment[:, None])
+
+
 def rolling(lengths: Int[Tensor, " B"], window: int) -> Windows:
     """What a bot with the rolling window W sees: each step at the end of a window of its own.
 

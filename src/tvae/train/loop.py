@@ -43,10 +43,14 @@ class TrainingError(TvaeError):
 
 @dataclass(frozen=True)
 class Observer:
-    """Who is told of a training's progress: `on_step` of every step, `on_record` of every evaluation."""
+    """Who is told of a training's progress: `on_step` of every step, `on_record` of every evaluation.
+
+    `on_policy_step` is told of every step of `tvae.train.policy.train_policy`, with the log-likelihood of an action.
+    """
 
     on_step: Callable[[int, Terms], None] = lambda step, terms: None
     on_record: Callable[[Record], None] = lambda record: None
+    on_policy_step: Callable[[int, float], None] = lambda step, nats: None
 
 
 def train(
