@@ -187,7 +187,7 @@ def test_cells_of_one_table_are_made_alike(plan: Plan, monkeypatch: pytest.Monke
 
 
 def test_what_there_is_not_is_said(tmp_path: Path):
-    with pytest.raises(TvaeError, match="no method maddpg; there are: demonstrators, people, walk"):
+    with pytest.raises(TvaeError, match=r"no method maddpg; there are: demonstrators, people, walk"):
         Plan(tmp_path, (0,), methods=("maddpg",))
     with pytest.raises(TvaeError, match="no task chess"):
         Plan(tmp_path, (0,), tasks=("chess",))

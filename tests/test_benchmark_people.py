@@ -96,6 +96,8 @@ def test_pairs_are_held_out_whole_but_never_the_one_that_goes_the_other_way(data
         assert ALONE in seen
         assert len(held_out) == 2
         assert test.lengths.max() == training.lengths.max() == 200
+        for judged in held_apart(training, 0.1, seed)[1], held_apart(training, 0.5, seed)[1]:
+            assert 0 < (training.attribute("pair").astype(str)[judged] == ALONE).mean() < 0.5
         assert set(OVERCOOKED.labels) >= set(training.attribute("label").tolist())
 
 
@@ -216,7 +218,7 @@ def test_a_quick_run_beside_the_people(
             cell.run()
 
     monkeypatch.setattr(module, "make", in_this_process)
-    short = replace(OVERCOOKED, options={**OVERCOOKED.options, "horizon": 60})
+    short = replace(OVERCOOKED, options={**OVERCOOKED.options, "horizon": 100})
     monkeypatch.setitem(TASKS, "overcooked", short)
     methods = ["people", "cloning_mlp", "labelled", "dagger"]
     call(

@@ -90,7 +90,7 @@ _VERBS = (
     (
         app,
         "benchmark",
-        "Compare methods on the paper's tasks, side by side.",
+        "Compare methods on the paper's tasks and with real people, side by side.",
         "tvae benchmark --out runs/benchmark --seeds 5 --tasks zombie",
     ),
     (app, "report", "Write the page of a run anew.", "tvae report runs/sessions"),
