@@ -39,7 +39,7 @@ QUIET = Console(quiet=True)
 # What an episode shows
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", DEMONSTRATIONS)
 def test_demonstrations_show_their_label_and_succeed_in_it_alone(task: str):
     demonstrations, labels = DEMONSTRATIONS[task](120), np.array(TASKS[task].labels)
     shown = labels[TASKS[task].shown(demonstrations)]
@@ -61,7 +61,7 @@ def test_a_constant_turn_drifts_off_the_circle_that_it_shows():
 def test_walkers_around_a_circle_are_cut_to_one_turn():
     bots = play(TASKS["circle"].world.demonstrators["left_10"](), TASKS["circle"], 5, seed=100)
     assert set(bots.lengths.tolist()) == {126}
-    assert set(TASKS["circle"].as_demonstrated(bots).lengths.tolist()) == {63}
+    assert set(TASKS["circle"].as_demonstrated(bots, bots).lengths.tolist()) == {63}
 
 
 # What is measured
@@ -187,7 +187,7 @@ def test_cells_of_one_table_are_made_alike(plan: Plan, monkeypatch: pytest.Monke
 
 
 def test_what_there_is_not_is_said(tmp_path: Path):
-    with pytest.raises(TvaeError, match=r"no method maddpg; there are: demonstrators, walk"):
+    with pytest.raises(TvaeError, match="no method maddpg; there are: demonstrators, people, walk"):
         Plan(tmp_path, (0,), methods=("maddpg",))
     with pytest.raises(TvaeError, match="no task chess"):
         Plan(tmp_path, (0,), tasks=("chess",))

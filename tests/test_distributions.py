@@ -7,7 +7,7 @@ from scipy import special, stats
 from torch.distributions import Bernoulli, Categorical, Independent, Normal
 
 from tvae.device import seeded
-from tvae.distributions import Columns, Joint, Mixture, VonMises, most_likely
+from tvae.distributions import Columns, Joint, Mixture, VonMises, most_likely, tempered
 
 CPU = torch.device("cpu")
 CONCENTRATIONS = [1e-8, 1e-3, 0.2, 1.0, 7.0, 60.0, 999.0, 1_001.0, 2_500.0, 1e6]
@@ -182,3 +182,34 @@ def test_draws_have_the_precision_of_the_law(dtype: torch.dtype):
     for law in laws:
         row = Joint(1, (Columns(torch.tensor([0]), law),))
         assert row.sample().dtype == row.mode().dtype == dtype
+
+
+@pytest.mark.parametrize("temperature", [0.3, 1.0, 2.5])
+@pytest.mark.parametrize(
+    ("law", "values"),
+    [
+        (Normal(torch.tensor(0.4), torch.tensor(1.3)), torch.linspace(-2, 3, 7)),
+        (von_mises(0.4, 5.0), torch.linspace(-3, 3, 7, dtype=torch.float64)),
+        (Categorical(probs=torch.tensor([0.6, 0.3, 0.1])), torch.arange(3.0)),
+        (Bernoulli(probs=torch.tensor(0.8)), torch.arange(2.0)),
+    ],
+)
+def test_a_tempered_density_is_a_power_of_the_law(law, values: torch.Tensor, temperature: float):
+    difference = tempered(law, temperature).log_prob(values) - law.log_prob(values) / temperature
+    torch.testing.assert_close(difference, difference[0].expand_as(difference))
+
+
+def test_a_cold_mixture_draws_near_the_mode_of_its_heaviest_component_and_a_warm_one_all_over():
+    weights = Categorical(probs=torch.tensor([0.7, 0.3]).expand(500, 2))
+    places = Normal(torch.tensor([[-5.0], [5.0]]).expand(500, 2, 1), torch.ones(500, 2, 1))
+    law = Mixture(weights, Joint(1, (Columns(torch.tensor([0]), places),)))
+    with seeded(0, CPU):
+        cold, as_it_is, warm = (law.tempered(temperature).sample() for temperature in (0.05, 1.0, 20.0))
+    assert (cold + 5).abs().max() < 1
+    assert 0.6 < (as_it_is < 0).double().mean() < 0.8
+    assert warm.std() > as_it_is.std()
+
+
+def test_a_law_whose_temperature_is_not_known_is_named():
+    with pytest.raises(TypeError, match="no temperature is known for a Independent"):
+        tempered(Independent(Normal(torch.zeros(2), torch.ones(2)), 1), 0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -12,7 +13,10 @@ from gymnasium import wrappers
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import tvae
+from commands import refused
 from toys import noise, untrained
+from tvae.data.arrays import from_arrays
+from tvae.data.sources import save_demonstrations
 from tvae.errors import TvaeError
 from tvae.gymnasium_spaces import spaces_of
 from tvae.rollouts import SpaceMismatchError, as_vector
@@ -107,3 +111,23 @@ def test_a_choice_is_a_number_that_a_table_takes() -> None:
     assert {0: "left", 1: "down", 2: "right", 3: "up"}[action]
     env.step(action)
     assert len(tvae.rollout(env, agent, 2)) == 2
+
+
+def test_a_fit_looks_at_the_environment_before_it_trains(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_demonstrations(from_arrays(np.zeros((12, 4, 4)), np.zeros((12, 4), np.int64)), tmp_path / "a.parquet")
+    for env, message in (
+        ("PixelWorld-v0", "observations of the environment: the space has the shape (64, 64, 3) and dtype uint8"),
+        ("MountainCar-v0", "observations differ between model and environment: 4 signals against 2. Model: 0, 1, 2"),
+    ):
+        if env == "PixelWorld-v0":
+            gymnasium.register(env, PixelWorld)
+        said = refused(capsys, "fit", tmp_path / "a.parquet", "--out", tmp_path / "run", "--env", env)
+        assert message in said
+    assert not (tmp_path / "run").exists()
+
+
+class PixelWorld(gymnasium.Env[np.ndarray, int]):
+    """An environment that shows a picture."""
+
+    observation_space = gymnasium.spaces.Box(0, 255, (64, 64, 3), np.uint8)
+    action_space = gymnasium.spaces.Discrete(2)

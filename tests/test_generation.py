@@ -18,7 +18,7 @@ from tvae.data.trajectory import DataError
 from tvae.generate.closed_loop import Agent, LatentPolicy
 from tvae.generate.open_loop import imagine
 from tvae.gymnasium_spaces import flatten, spaces_of
-from tvae.model.decoding import Fixed, Recurrence, most_likely, sampled
+from tvae.model.decoding import Fixed, Recurrence, Tempered, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import SpaceMismatchError, as_vector, check_spaces, rollout
 from tvae.spaces import Continuous, Space
@@ -94,6 +94,23 @@ def test_same_seed_same_dream(model: TrajectoryVAE, starts: np.ndarray, latents:
 def test_most_likely_dreams_are_not_random(model: TrajectoryVAE, starts: np.ndarray, latents: np.ndarray):
     first = imagine(model, starts, latents, num_steps=5, seed=3, choice=most_likely)
     assert_same(first, imagine(model, starts, latents, num_steps=5, seed=4, choice=most_likely))
+
+
+def test_a_temperature_of_1_draws_as_learnt_and_a_cold_one_what_is_most_likely(
+    model: TrajectoryVAE, starts: np.ndarray, latents: np.ndarray
+):
+    def dream(choice: Any) -> Any:
+        return imagine(model, starts, latents, num_steps=5, seed=3, choice=choice)
+
+    assert_same(dream(Tempered(1.0)), dream(sampled))
+    cold, mode = dream(Tempered(1e-9)), dream(most_likely)
+    np.testing.assert_allclose(cold.observations, mode.observations, atol=1e-2)
+
+
+@pytest.mark.parametrize("temperature", [0.0, -1.0, np.nan, np.inf])
+def test_a_temperature_is_positive(temperature: float):
+    with pytest.raises(ValueError, match="a temperature must be a positive number, got"):
+        Tempered(temperature)
 
 
 @pytest.mark.parametrize("choice", [sampled, most_likely])

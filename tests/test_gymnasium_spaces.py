@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from data_strategies import quick, rows, spaces
-from tvae.gymnasium_spaces import flatten, gymnasium_from_space, space_from_gymnasium, unflatten, wrap
+from tvae.gymnasium_spaces import (
+    UnsupportedSpaceError,
+    flatten,
+    gymnasium_from_space,
+    named_spaces,
+    space_from_gymnasium,
+    unflatten,
+    wrap,
+)
 from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
 
 shapes = st.sampled_from([(), (1,), (3,), (2, 2)])
@@ -120,17 +128,26 @@ def test_names_are_given() -> None:
 @pytest.mark.parametrize(
     ("space", "message"),
     [
-        (gym.Box(0, 255, (64, 64, 3), np.uint8), "images are not supported"),
-        (gym.Box(0, 1, (5000,)), "at most 4096 numbers"),
-        (gym.Text(5), "needs to be a Box"),
-        (gym.Dict({"talk": gym.Text(5)}), "space 'talk' needs to be a Box"),
-        (gym.Sequence(gym.Discrete(2)), "needs to be a Box"),
-        (gym.Graph(gym.Box(0, 1), None), "needs to be a Box"),
+        (
+            gym.Dict({"eye": gym.Box(0, 255, (64, 64, 3), np.uint8)}),
+            r"space 'eye' has the shape \(64, 64, 3\) and dtype uint8, 12,288 numbers, as images have: images cannot "
+            r"be learned from; supported are Discrete, .* Box of at most 4,096 numbers, and Dict and Tuple of them",
+        ),
+        (gym.Box(0, 1, (100, 100)), r"the space has the shape \(100, 100\) and dtype float32, .*: images cannot be"),
+        (gym.Box(0, 1, (5000,)), r"the space has the shape \(5000,\) and dtype float32, 5,000 numbers, which are"),
+        (gym.Text(5), r"the space is Text\(.*\), which is no vector of numbers: supported are"),
+        (gym.Dict({"talk": gym.Text(5)}), "space 'talk' is Text.*, which is no vector of numbers: supported are"),
+        (gym.Sequence(gym.Discrete(2)), "the space is Sequence.*, which is no vector"),
+        (gym.Graph(gym.Box(0, 1), None), "the space is Graph.*, which is no vector"),
     ],
 )
 def test_what_is_no_vector_is_refused(space: gymnasium.Space[Any], message: str) -> None:
-    with pytest.raises(TypeError, match=message):
+    with pytest.raises(UnsupportedSpaceError, match=message):
         space_from_gymnasium(space)
+    with pytest.raises(UnsupportedSpaceError, match=rf"^observations of the environment: {message}.* A wrapper can "):
+        named_spaces(space, gym.Discrete(2), {})
+    with pytest.raises(UnsupportedSpaceError, match=rf"^actions of the environment: {message}"):
+        named_spaces(gym.Discrete(2), space, {"action": ["x"]})
 
 
 def test_a_value_of_another_shape_is_refused() -> None:

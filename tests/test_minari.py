@@ -18,6 +18,8 @@ from data_strategies import assert_same, demonstrations, quick
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.minari_source import find_minari, is_minari_id, minari_root, read_minari
 from tvae.data.minari_target import write_minari
+from tvae.data.preparation import Preparation
+from tvae.data.sources import load_demonstrations
 from tvae.data.tabular import read_table, write_parquet
 from tvae.data.trajectory import DataError, Trajectory
 from tvae.gymnasium_spaces import space_from_gymnasium
@@ -248,8 +250,51 @@ def test_spaces_that_are_no_vectors_are_refused() -> None:
     images = np.zeros((3, 64, 64, 3), dtype=np.uint8)
     space = gym.Box(0, 255, (64, 64, 3), np.uint8)
     foreign(space, gym.Discrete(2), [plain_buffer(observations=images)])
-    with pytest.raises(DataError, match="images are not supported"):
+    message = r"observations: the space has the shape \(64, 64, 3\) and dtype uint8, .*: images cannot be learned from"
+    with pytest.raises(DataError, match=message + r".*name the parts to read instead \(--only\)"):
         read_minari(ID)
+
+
+def test_parts_that_are_no_vectors_are_left_out() -> None:
+    space = gym.Dict(
+        {
+            "eye": gym.Box(0, 255, (64, 64, 3), np.uint8),
+            "mission": gym.Text(9),
+            "state": gym.Dict({"at": gym.Box(-9, 9, (2,)), "key": gym.Discrete(2)}),
+        }
+    )
+    seen = {
+        "eye": np.zeros((3, 64, 64, 3), dtype=np.uint8),
+        "mission": ["go"] * 3,
+        "state": {"at": np.arange(6, dtype=np.float32).reshape(3, 2), "key": np.array([0, 1, 1])},
+    }
+    foreign(space, gym.Discrete(2), [plain_buffer(observations=seen)])
+    with pytest.raises(DataError, match=r"observations: space 'eye' has the shape \(64, 64, 3\) and dtype uint8"):
+        read_minari(ID)
+    with pytest.raises(DataError, match=r"observations: space 'mission' is Text\(.*, such as action and obs"):
+        read_minari(ID, ("observation.mission", "action"))
+    kept = read_minari(ID, ("observation.state", "action"))
+    assert kept.observation_space.names == ("state.at.0", "state.at.1", "state.key")
+    assert kept[0].observations.tolist() == [[0, 1, 0], [2, 3, 1], [4, 5, 1]]
+    chosen = load_demonstrations(ID, preparation=Preparation(columns=("observation.state.at.1", "action.*")))
+    assert chosen[0].observations.tolist() == [[1], [3], [5]]
+    assert chosen.action_space.names == ("0",)
+    for columns, message in (
+        (("action",), r"needs at least one part of observations to read; there are observation\.eye, obs"),
+        (("observation.state",), r"needs at least one column action\.\* to read; there are action\.0"),
+        (("observation.state", "action", "reward"), r"no column is called 'reward'"),
+    ):
+        with pytest.raises(DataError, match=f"{ID}: {message}"):
+            read_minari(ID, columns)
+
+
+def test_parts_of_ours() -> None:
+    write_minari(walks(), ID)
+    kept = read_minari(ID, ("observation.room", "observation.z", "action.jump"))
+    assert kept.observation_space.names == ("z", "room")
+    assert kept[1].observations.tolist() == [[1, 1]] * 4
+    assert kept.action_space.signals == (Binary("jump"),)
+    assert kept.attributes["label"].tolist() == ["fast", "fast"]
 
 
 def damage(path: Path, **changes: Any) -> None:

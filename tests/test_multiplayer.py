@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import gymnasium
@@ -13,7 +16,9 @@ from pettingzoo.utils import aec_to_parallel, parallel_to_aec
 from pettingzoo.utils.wrappers import BaseParallelWrapper
 
 import tvae
+from commands import call, refused
 from toys import noise, untrained
+from tvae.data.sources import load_demonstrations, save_demonstrations
 from tvae.gymnasium_spaces import flatten
 from tvae.model.tvae import TrajectoryVAE
 from tvae.multiplayer import PlayersError, rollout, spaces_of_player
@@ -217,3 +222,84 @@ def test_progress_is_told_and_counts_are_checked(models: dict[str, TrajectoryVAE
     assert told == [1, 2, 3]
     with pytest.raises(ValueError, match="num_episodes must be at least 1, got 0"):
         rollout(Hunt(), policies, 0)
+
+
+# On the command line
+
+
+class Dance(ParallelEnv):
+    """Two who see both places and step to one side or the other, for four steps."""
+
+    metadata = {"name": "dance", "signal_names": {"observation": ["left", "right"], "action": ["side"]}}  # noqa: RUF012
+    possible_agents = ["ann", "bob"]  # noqa: RUF012
+    closed = 0
+
+    def observation_space(self, agent: str) -> gymnasium.Space:
+        return gym.Box(-20, 20, (2,), np.float64)
+
+    def action_space(self, agent: str) -> gymnasium.Space:
+        return gym.Discrete(2)
+
+    def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
+        self.agents, self.time = list(self.possible_agents), 0
+        self.at = np.random.default_rng(seed).uniform(-5, 5, 2)
+        return {agent: self.at.copy() for agent in self.agents}, {agent: {} for agent in self.agents}
+
+    def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
+        acted, self.time = self.agents, self.time + 1
+        self.at = self.at + [2 * float(actions[agent]) - 1 for agent in acted]
+        self.agents = acted if self.time < 4 else []
+        info = {"ann": {"time": self.time, "alone": 1.0}, "bob": {"time": self.time}}
+        seen = {agent: self.at.copy() for agent in acted}
+        return seen, dict.fromkeys(acted, 0.5), dict.fromkeys(acted, self.time == 4), dict.fromkeys(acted, False), info
+
+    def close(self) -> None:
+        Dance.closed += 1
+
+
+@pytest.fixture
+def games(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules as PettingZoo and as others have them."""
+    package, dance = ModuleType("games"), ModuleType("games.dance_v1")
+    dance.parallel_env = Dance  # type: ignore[attr-defined]
+    package.__path__ = []
+    package.Dance, package.Hunt, package.number = Dance, Hunt, 3  # type: ignore[attr-defined]
+    package.Cart = lambda: gymnasium.make("CartPole-v1")  # type: ignore[attr-defined]
+    for module in (package, dance):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+
+
+def test_bots_of_a_style_play_together(games: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = model_of("ann", Dance())
+    path = tmp_path / "dances.parquet"
+    recorded = noise([4] * 12, observation_space=model.observation_space, action_space=model.action_space)
+    save_demonstrations(recorded, path)
+    options = ("--training.num-steps", "2", "--training.evaluate-every", "1", "--episodes", "3")
+    call("fit", path, "--out", tmp_path / "run", "--env", "games:dance_v1", *options)
+    tried = load_demonstrations(tmp_path / "run" / "rollouts" / "style-0.parquet")
+    assert len(tried) == 6
+    closed = Dance.closed
+    call("rollout", tmp_path / "run", "--env", "games:Dance", "--episodes", "5", "--out", tmp_path / "a.parquet")
+    assert Dance.closed == closed + 1
+    kept = load_demonstrations(tmp_path / "a.parquet")
+    assert kept.observation_space.names == ("left", "right")
+    assert kept.lengths.tolist() == [4] * 10
+    assert kept.attributes["player"].tolist() == ["ann"] * 5 + ["bob"] * 5
+    assert kept.attributes["session"].tolist() == [*range(5), *range(5)]
+    assert kept.attributes["episode"].tolist()[4:6] == ["4/ann", "0/bob"]
+    assert set(kept.steps) == {"reward", "terminated", "truncated", "info.time"}
+    np.testing.assert_array_equal(kept[2].observations, kept[7].observations)  # they are in the same game
+    assert any((kept[game].actions != kept[game + 5].actions).any() for game in range(5))
+    capsys.readouterr()
+    for env, message in (
+        ("games:Hunt", "actions differ between model and player 'hunter': signal 0 is categorical (2) ('side')"),
+        ("games:Cart", "several players need a parallel environment of PettingZoo, got <TimeLimit"),
+        ("games:number", "games:number: needs a class, a function or a module with parallel_env, got 3"),
+        ("games:waltz_v1", "games:waltz_v1: cannot be imported: No module named 'games.waltz_v1'. A parallel env"),
+        ("nogames:waltz", "nogames:waltz: cannot be imported: No module named 'nogames'"),
+    ):
+        said = refused(capsys, "rollout", tmp_path / "run", "--env", env, "--out", tmp_path / "b.parquet")
+        assert message in " ".join(said.split())
+    said = refused(capsys, "fit", path, "--out", tmp_path / "other", "--env", "games:Hunt")
+    assert "Model: side. Player 'hunter': 0." in said
+    assert not (tmp_path / "other").exists()

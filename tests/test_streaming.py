@@ -20,25 +20,31 @@ from tvae.data.arrays import from_arrays
 from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
+from tvae.evaluate import mixtures
+from tvae.evaluate.mixtures import Components, assign
 from tvae.experiments import analysis
 from tvae.experiments.analysis import likelihood_per_step
 from tvae.model import calibration
 from tvae.train import loop
 from tvae.train.fitting import fit, new_model
 
-SCRIPT = Path(__file__).parent.parent / "scripts" / "benchmark_streaming.py"
+SCRIPTS = Path(__file__).parent.parent / "scripts"
+
+
+def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="module")
 def streaming() -> Iterator[ModuleType]:
-    spec = importlib.util.spec_from_file_location("benchmark_streaming", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     monkeypatch = pytest.MonkeyPatch()
-    monkeypatch.setitem(sys.modules, spec.name, module)
-    spec.loader.exec_module(module)
-    yield module
+    yield script("benchmark_streaming", monkeypatch)
     monkeypatch.undo()
 
 
@@ -101,8 +107,36 @@ def test_likelihoods_of_very_many_sessions(
     walks = Demonstrations.open(tmp_path / "walks.tvae")
     model = new_model(walks, seed=0, device="cpu", hidden_features=4)
     said = io.StringIO()
-    monkeypatch.setattr(analysis, "_MOST_LIKELIHOODS", 20)
+    monkeypatch.setattr(analysis, "MOST_LIKELIHOODS", 20)
     found = likelihood_per_step(model, walks, seed=0, console=Console(file=said))
     assert np.isfinite(found).nonzero()[0].tolist() == list(range(0, 50, 3))
     assert said.getvalue().startswith("log_likelihood_per_step is computed for 17 of 50 sessions")
     assert evenly(walks, 10).attributes["episode"].tolist() == [0, 25]
+
+
+def test_all_of_a_fit_is_measured(
+    streaming: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = script("benchmark_fit", monkeypatch)
+    before = analysis.encode
+    streaming.make(tmp_path / "walks.tvae", 30, 5)
+    found = {stage.name: stage for stage in whole.fit(tmp_path / "walks.tvae", 2)}
+    assert analysis.encode is before
+    assert (tmp_path / "walks.run" / "report.html").is_file()
+    fitted, parts = found["tvae fit"], [stage for stage in found.values() if stage.depth == 1]
+    assert [stage.name for stage in parts] == ["begin", "summarise", "fit_run", "analyse", "write_report"]
+    assert sum(stage.seconds for stage in parts) <= fitted.seconds
+    if sys.platform == "linux":
+        assert 0 < fitted.anonymous <= fitted.resident
+        assert max(stage.resident for stage in parts) <= fitted.resident
+
+
+def test_styles_of_very_many_sessions_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    clusters = [Components(np.array([0.3, 0.2]), rng.normal(size=(2, 3)), np.stack([np.eye(3)] * 2)) for _ in range(2)]
+    points = rng.normal(size=(50, 3))
+    whole = assign(clusters, points)
+    monkeypatch.setattr(mixtures, "_BLOCK_POINTS", 7)
+    for one, other in zip(whole, assign(clusters, points), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+    assert set(whole[0]) == {0, 1}

@@ -230,7 +230,11 @@ def test_robomimic(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda demo: demo.create_dataset("obs/camera", data=np.zeros((3, 4, 4, 3))), "demo_2: .*images cannot be lea"),
+        (
+            lambda demo: demo.create_dataset("obs/camera", data=np.zeros((3, 4, 4, 3))),
+            r"demo_2: obs/camera needs numbers of the shape \(steps,\) or \(steps, signals\), got the shape "
+            r"\(3, 4, 4, 3\) of dtype float64: images cannot be learned from; name the columns to read instead",
+        ),
         (lambda demo: demo.create_dataset("obs/mood", data=np.zeros(3)), "demo_2: needs next_obs/mood, as there is an"),
         (lambda demo: demo.pop("actions"), "demo_2: needs 'actions'; there are dones, next_obs, obs, rewards, states"),
         (lambda demo: (demo.pop("obs/eef"), demo.pop("next_obs/eef")), "demo_10: needs the same columns as demo_2; th"),
@@ -339,7 +343,10 @@ def test_lerobot(tmp_path: Path) -> None:
 
 def test_images_of_lerobot_are_refused_or_left_out(tmp_path: Path) -> None:
     root = write_lerobot(tmp_path / "arm", camera=True)
-    message = r"arm: observation\.images\.top: images cannot be learned from; name the columns to read instead, such "
+    message = (
+        r"arm: observation\.images\.top of the shape \[3, 4, 4\] and dtype video: images cannot be learned from, only "
+        r"single values and vectors of numbers, booleans or text; name the columns to read instead \(--only\), such "
+    )
     with pytest.raises(DataError, match=message + r"as observation\.state, observation\.force, action"):
         load_demonstrations(root)
     kept = load_demonstrations(root, preparation=Preparation(columns=("observation.state", "action")))
@@ -381,3 +388,38 @@ def test_lists_of_lerobot_that_are_no_vectors(tmp_path: Path) -> None:
     pq.write_table(table.set_column(at, "action", pa.array([[1.0], [2.0]], pa.list_(pa.float32()))), path)
     with pytest.raises(DataError, match=r"action: needs lists of one length, as its shape \[2\] says, got \[2, 1\]"):
         load_demonstrations(root)
+
+
+def test_matrices_of_lerobot(tmp_path: Path) -> None:
+    root = write_lerobot(tmp_path / "arm")
+    info = json.loads((root / "meta/info.json").read_text())
+    info["features"]["observation.state"] |= {"dtype": "float32", "shape": [2, 1]}
+    (root / "meta/info.json").write_text(json.dumps(info))
+    message = r"arm: observation\.state of the shape \[2, 1\] and dtype float32: cannot be learned from, only single"
+    with pytest.raises(DataError, match=message):
+        load_demonstrations(root)
+    assert len(load_demonstrations(root, preparation=Preparation(columns=("observation.force", "action")))) == 2
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([[1.0, 2.0]] * 4, "list<item: double>, the first of 2 values: make a column of each, such as NAME.0, NAME.1"),
+        ([None, [[[0]] * 3] * 2, None, None], "the first of the shape (2, 3, 1): images cannot be learned from"),
+        ([{"bytes": b"png", "path": "a"}] * 4, "struct<bytes: binary, path: string>: images and other files cannot be"),
+        ([b"png"] * 4, "binary: images and other files cannot be learned from"),
+    ],
+)
+def test_images_in_tables(values: list[Any], message: str) -> None:
+    rows = pa.table({**COLUMNS, "observation.camera": values})
+    with pytest.raises(DataError) as caught:
+        load_demonstrations(rows)
+    assert "column observation.camera: needs numbers, booleans or text, got" in str(caught.value)
+    assert message in str(caught.value)
+    kept = load_demonstrations(rows, preparation=Preparation(columns=("observation.x", "action")))
+    assert kept.observation_space.names == ("x",)
+
+
+def test_images_in_arrays() -> None:
+    with pytest.raises(DataError, match=r"episode 0: observations need .*, got uint8 of the shape \(3, 8, 8, 3\): ima"):
+        from_arrays([np.zeros((3, 8, 8, 3), np.uint8)], [[0.5, 1.5]])

@@ -41,6 +41,10 @@ class RowDistribution(Protocol):
         """A most likely row each (of a mixture: that of its heaviest component)."""
         ...
 
+    def tempered(self, temperature: float) -> RowDistribution:
+        """The law in proportion to p^(1/T) (of a mixture: weights and components each)."""
+        ...
+
 
 class VonMises(TorchVonMises):
     """torch's von Mises law, exact at any concentration k and in single precision.
@@ -108,6 +112,25 @@ def most_likely(law: Distribution) -> Tensor:
             raise TypeError(f"no mode is known for a {type(law).__name__}")
 
 
+def tempered(law: Distribution, temperature: float) -> Distribution:
+    """The law of a column in proportion to p^(1/T): below 1 nearer to the mode, 1 as it is.
+
+    >>> tempered(Normal(torch.zeros(1), torch.ones(1)), 0.25).stddev.item(), tempered(Bernoulli(0.8), 0.5).mean.item()
+    (0.5, 0.9411764740943909)
+    """
+    match law:
+        case Normal():
+            return Normal(law.loc, law.scale * math.sqrt(temperature))
+        case VonMises():
+            return VonMises(law.loc, law.concentration / temperature)
+        case Categorical():
+            return Categorical(logits=law.logits / temperature)
+        case Bernoulli():
+            return Bernoulli(logits=law.logits / temperature)
+        case _:
+            raise TypeError(f"no temperature is known for a {type(law).__name__}")
+
+
 @dataclass(frozen=True)
 class Joint:
     """Independent columns: log p(x) = sum_c log p_c(x_c).
@@ -148,6 +171,11 @@ class Joint:
     def mode(self) -> Float[Tensor, "*batch C"]:
         """The most likely row each."""
         return self._assemble([most_likely(part.law) for part in self.parts])
+
+    def tempered(self, temperature: float) -> Joint:
+        """The law in proportion to p^(1/T)."""
+        parts = tuple(Columns(part.columns, tempered(part.law, temperature)) for part in self.parts)
+        return Joint(self.num_columns, parts)
 
 
 @dataclass(frozen=True)
@@ -191,3 +219,10 @@ class Mixture:
     def mode(self) -> Float[Tensor, "*batch C"]:
         """The most likely row of the heaviest component."""
         return self._of(self.components.mode(), self.weights.logits.argmax(-1))
+
+    def tempered(self, temperature: float) -> Mixture:
+        """Weights in proportion to w^(1/T), each component to p^(1/T); where components lie apart, that is p^(1/T).
+
+        (But for the factor by which a broad component gains on a narrow one.)
+        """
+        return Mixture(Categorical(logits=self.weights.logits / temperature), self.components.tempered(temperature))

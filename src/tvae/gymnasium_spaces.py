@@ -30,14 +30,22 @@ from tvae.errors import TvaeError
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
 
 _MOST_COLUMNS = 4096
+_SUPPORTED = (
+    f"supported are Discrete, MultiDiscrete, MultiBinary and Box of at most {_MOST_COLUMNS:,} numbers, and Dict and "
+    "Tuple of them"
+)
 _PI_TOLERANCE = 1e-6
 """pi in single precision differs from pi by 9e-8."""
+
+
+class UnsupportedSpaceError(TvaeError):
+    """A space that is no vector of numbers; the message says which part, what it holds and what is supported."""
 
 
 def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | None = None) -> Space:
     """The signals of a Gymnasium space.
 
-    Raises `TypeError` for a space that is no vector of numbers (an image, a text, a graph).
+    Raises `UnsupportedSpaceError` for a space that is no vector of numbers (an image, a text, a graph).
 
     >>> import numpy as np
     >>> heading = gym.Box(-np.pi, np.pi, dtype=np.float64)
@@ -118,18 +126,17 @@ def _signals(space: gymnasium.Space[Any], path: tuple[str, ...]) -> Iterator[Sig
             for index, part in enumerate(space.spaces):
                 yield from _signals(part, (*path, str(index)))
         case _:
-            raise TypeError(
-                f"{_where(path)} needs to be a Box, Discrete, MultiDiscrete, MultiBinary, Dict or Tuple, "
-                f"got {space}"
-            )
+            raise UnsupportedSpaceError(f"{_where(path)} is {space}, which is no vector of numbers: {_SUPPORTED}")
 
 
 def _box_signals(space: gym.Box, path: tuple[str, ...]) -> Iterator[Signal]:
     count = int(np.prod(space.shape))
     if count > _MOST_COLUMNS:
-        if np.issubdtype(space.dtype, np.integer) and len(space.shape) >= 2:
-            raise TypeError(f"images are not supported, {_where(path)} is {space}")
-        raise TypeError(f"at most {_MOST_COLUMNS} numbers are supported, {_where(path)} is {space}")
+        many = "as images have: images cannot be learned from" if len(space.shape) >= 2 else "which are too many"
+        raise UnsupportedSpaceError(
+            f"{_where(path)} has the shape {space.shape} and dtype {space.dtype}, {count:,} numbers, {many}; "
+            f"{_SUPPORTED}"
+        )
     for angular, name in zip(_angular(space), _names(path, count), strict=True):
         yield Angular(name) if angular else Continuous(name)
 
@@ -242,7 +249,8 @@ def named_spaces(
 ) -> tuple[Space, Space]:
     """The signals of both, called as `names` has them under `observation` and `action`, else numbered.
 
-    Raises `TvaeError` for names that are more or fewer than the signals, as behind a wrapper that adds some.
+    Raises `UnsupportedSpaceError` for what is no vector of numbers, and `TvaeError` for names that are more or
+    fewer than the signals, as behind a wrapper that adds some.
 
     >>> place, move = gym.Box(-1, 1, (2,)), gym.Discrete(3)
     >>> observations, actions = named_spaces(place, move, {"observation": ["x", "y"]})
@@ -253,6 +261,11 @@ def named_spaces(
     for what, space in (("observation", observation_space), ("action", action_space)):
         try:
             found.append(space_from_gymnasium(space, names.get(what)))
+        except UnsupportedSpaceError as error:
+            raise UnsupportedSpaceError(
+                f"{what}s of the environment: {error}. A wrapper can give numbers instead, such as the state of the "
+                "game; gymnasium.wrappers.FilterObservation leaves parts of a Dict out"
+            ) from error
         except ValueError as error:
             raise TvaeError(
                 f"the environment's metadata['signal_names'][{what!r}] does not fit its {what} space: {error}. "

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 from tvae.baselines.chunks import ChunkData
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import positions
+from tvae.baselines.policies import held_apart
 from tvae.baselines.senses import Senses
 from tvae.baselines.stretching import Stretched
 from tvae.data.demonstrations import Demonstrations
@@ -220,7 +220,7 @@ class BehaviorTransformer:
         stretched = Stretched.fit(lesson.demonstrations, senses)
         training, judged = (
             WindowData(lesson.demonstrations.select(part), senses, num_seen=self.num_seen)
-            for part in positions(len(lesson.demonstrations), 0.1, lesson.seed)
+            for part in held_apart(lesson.demonstrations, 0.1, lesson.seed)
         )
         bins = middles(stretched(training.actions), self.num_bins, lesson.seed)
         with seeded(lesson.seed, CPU):

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from tvae.baselines.contract import Lesson
 from tvae.baselines.descending import CPU, Descent
-from tvae.baselines.policies import positions
+from tvae.baselines.policies import held_apart
 from tvae.baselines.senses import Senses
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
@@ -101,7 +101,7 @@ def learn_chunks(
     """Train a network on `batch_size` random moments a step; the weights that are best on a held-out tenth are kept."""
     training, judged = (
         ChunkData(lesson.demonstrations.select(part), senses, num_actions=num_actions)
-        for part in positions(len(lesson.demonstrations), 0.1, lesson.seed)
+        for part in held_apart(lesson.demonstrations, 0.1, lesson.seed)
     )
     everything = judged.at(np.arange(len(judged)))
     descent.run(

@@ -60,7 +60,9 @@ class Lesson:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The labels of the demonstrations, sorted."""
+        """The labels of the demonstrations, sorted; none where they carry no label."""
+        if "label" not in self.demonstrations.attributes:
+            return ()
         return tuple(np.unique(self.demonstrations.attribute("label")).tolist())
 
     @property

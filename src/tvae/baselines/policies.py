@@ -158,7 +158,7 @@ def clone(
 
     Where nothing is held out (0), the last weights are kept.
     """
-    training, judged = positions(len(demonstrations), held_out, seed)
+    training, judged = held_apart(demonstrations, held_out, seed)
     sampler = BucketedSampler(demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), seed)
 
     def loss(step: int) -> Tensor:
@@ -174,6 +174,16 @@ def clone(
         return total / float(demonstrations.lengths[judged].sum())
 
     descent.run(network, loss, seed=seed, judge=judge if len(judged) else None)
+
+
+def held_apart(demonstrations: Demonstrations, held_out: float, seed: int) -> tuple[IntArray, IntArray]:
+    """`positions` of the training and the held-out demonstrations; those of one attribute `group` stay together."""
+    if "group" not in demonstrations.attributes:
+        return positions(len(demonstrations), held_out, seed)
+    names, groups = np.unique(demonstrations.attributes["group"], return_inverse=True)
+    _, judged = positions(len(names), held_out, seed)
+    is_judged = np.isin(groups, judged)
+    return np.flatnonzero(~is_judged), np.flatnonzero(is_judged)
 
 
 def positions(count: int, held_out: float, seed: int) -> tuple[IntArray, IntArray]:

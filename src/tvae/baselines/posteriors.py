@@ -11,7 +11,7 @@ from torch.distributions import Normal
 
 from tvae.baselines.contract import Lesson
 from tvae.baselines.descending import Descent
-from tvae.baselines.policies import positions
+from tvae.baselines.policies import held_apart
 from tvae.data.batches import BucketedSampler, TrajectoryBatch, batch_of, ordered_batches, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.spaces import FloatArray
@@ -25,7 +25,7 @@ def learn_trajectories(
 ) -> None:
     """Train on whole trajectories; of the evaluated weights those best on a held-out tenth are kept."""
     demonstrations = lesson.demonstrations
-    training, judged = positions(len(demonstrations), 0.1, lesson.seed)
+    training, judged = held_apart(demonstrations, 0.1, lesson.seed)
     sampler = BucketedSampler(
         demonstrations.lengths[training], suitable_batch_size(demonstrations.lengths), lesson.seed
     )

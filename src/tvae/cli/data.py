@@ -10,9 +10,8 @@ from rich.markup import escape
 
 from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
 from tvae.data.sources import save_demonstrations
-from tvae.data.validation import summarise
-from tvae.data.validation import validate as find_issues
-from tvae.experiments.remedies import options_for
+from tvae.data.validation import examine_source, summarise
+from tvae.experiments.remedies import doubts, options_for
 from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
 from tvae.experiments.tasks import TASKS
@@ -39,6 +38,8 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
         f"the observation after the last action is known in {summary.num_final_observed}"
     )
     CONSOLE.print(signals_table(summary))
+    for doubt in doubts(summary):
+        CONSOLE.print(doubt, style="yellow", highlight=False, markup=False)
     if columns.left_over is not None:
         CONSOLE.print(columns.left_over, highlight=False)
     for attribute in summary.attributes:
@@ -56,14 +57,14 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
 def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     """List everything that is wrong with a table, with counts, first places and the options that mend it.
 
-    Exit status 1 if anything is wrong.
+    Exit status 1 if anything is wrong; what looks as if it were meant otherwise is said, too.
 
     Parameters
     ----------
     data
         A table (Parquet, CSV, HDF5), a pattern of files, a directory, or a Minari id.
     """
-    issues = find_issues(
+    found = examine_source(
         data,
         angular=columns.angular,
         continuous=columns.continuous,
@@ -71,14 +72,14 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
         binary=columns.binary,
         preparation=columns.preparation,
     )
-    for issue in issues:
+    for issue in (*found.issues, *found.suspicions):
         CONSOLE.print(f"- {escape(str(issue))}", highlight=False)
         options = options_for(issue)
         if options is not None:
             CONSOLE.print(f"  {escape(options)}", style="cyan", highlight=False)
-    if issues:
+    if found.issues:
         sys.exit(1)
-    CONSOLE.print(f"{data} is sound", markup=False)
+    CONSOLE.print(f"{data} can be read so" if found.suspicions else f"{data} is sound", markup=False)
     if columns.left_over is not None:
         CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False)
 

@@ -24,7 +24,8 @@ def evaluate(
     Parameters
     ----------
     env
-        Gymnasium id; by default the environment in which the run tried its bots, if any.
+        Gymnasium id, or MODULE:NAME of a parallel environment of PettingZoo; by default the environment in which the
+        run tried its bots, if any.
     episodes
         Test episodes of each bot.
     samples

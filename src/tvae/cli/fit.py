@@ -36,7 +36,8 @@ def fit(
     data
         A table, a pattern of files, a directory, or a Minari id; not needed with --resume.
     env
-        Gymnasium id of an environment in which the bot of each style is tried.
+        Gymnasium id of an environment in which the bot of each style is tried, or MODULE:NAME of a parallel
+        environment of PettingZoo, in which all players are bots of that style.
     episodes
         Test episodes of each bot.
     group

@@ -17,6 +17,7 @@ def generate(
     episodes: int = 100,
     window: int | None = None,
     most_likely: Flag = False,
+    temperature: float | None = None,
     seed: Seed = 0,
     device: Device = "auto",
     force: Force = False,
@@ -33,9 +34,11 @@ def generate(
         Rolling window: the most past states that the decoders remember; by default as in training.
     most_likely
         Always take the most likely state and action instead of drawing them.
+    temperature
+        T > 0: draw from p^(1/T) instead of p. Below 1 nearer to the most likely and less varied, 1 as learnt.
     """
     opened = open_run(run, device)
-    choice = choice_of(most_likely=most_likely)
+    choice = choice_of(most_likely=most_likely, temperature=temperature)
     found = imagine_style(opened, style, episodes, choice=choice, window=window, seed=seed)
     save_demonstrations(found, out, overwrite=force)
     CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")

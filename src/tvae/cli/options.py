@@ -9,8 +9,9 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from tvae.config import ModelConfig, TrainingConfig
+from tvae.errors import TvaeError
 from tvae.experiments.source import Reading
-from tvae.model.decoding import Choice, sampled
+from tvae.model.decoding import Choice, Tempered, sampled
 from tvae.model.decoding import most_likely as _most_likely
 
 CONSOLE = Console()
@@ -36,6 +37,13 @@ Force = Annotated[bool, Parameter(help="Replace what is there already.", negativ
 Flag = Annotated[bool, Parameter(negative="")]
 
 
-def choice_of(*, most_likely: bool) -> Choice:
-    """How actions and states are chosen."""
-    return _most_likely if most_likely else sampled
+def choice_of(*, most_likely: bool, temperature: float | None) -> Choice:
+    """How actions and states are chosen; `TvaeError` for both, or for a temperature that is not positive."""
+    if temperature is None:
+        return _most_likely if most_likely else sampled
+    if most_likely:
+        raise TvaeError(f"--most-likely draws nothing, so that --temperature {temperature:g} has nothing to do")
+    try:
+        return Tempered(temperature)
+    except ValueError as error:
+        raise TvaeError(f"--temperature: {error}") from error

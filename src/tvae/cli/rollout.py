@@ -20,6 +20,7 @@ def rollout(
     episodes: int | None = None,
     window: int | None = None,
     most_likely: Flag = False,
+    temperature: float | None = None,
     seed: Seed = 0,
     device: Device = "auto",
     force: Force = False,
@@ -33,19 +34,22 @@ def rollout(
     style
         Number of the style, or its label where the data had labels.
     env
-        Gymnasium id; by default the environment in which the run tried its bots.
+        Gymnasium id, or MODULE:NAME of a parallel environment of PettingZoo, in which all players are bots of the
+        style; by default the environment in which the run tried its bots.
     episodes
         How many; by default as many as the run's bots played.
     window
         Rolling window: the most past states that the bot remembers; by default as in training.
     most_likely
         Always take the most likely action instead of drawing one.
+    temperature
+        T > 0: draw from p^(1/T) instead of p. Below 1 nearer to the most likely and less varied, 1 as learnt.
     """
     opened = open_run(run, device)
     arena = opened.arena if env is None else Arena(env)
     if episodes is not None:
         arena = replace(arena, episodes=episodes)
-    choice = choice_of(most_likely=most_likely)
+    choice = choice_of(most_likely=most_likely, temperature=temperature)
     found = act(opened, style, arena, choice=choice, window=window, seed=seed, console=CONSOLE)
     save_demonstrations(found, out, overwrite=force)
     CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")

@@ -99,6 +99,7 @@ def _two_axes(what: str, episode: int, array: NDArray[Any]) -> NDArray[Any]:
         raise DataError(
             f"episode {episode}: {what}s need an array of numbers, booleans or text of the shape "
             f"(steps, signals), got {array.dtype} of the shape {array.shape}"
+            + (": images cannot be learned from" if array.ndim > 2 else "")
         )
     return array[:, None] if array.ndim == 1 else array
 

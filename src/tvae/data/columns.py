@@ -28,6 +28,7 @@ from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Si
 
 MOST_CATEGORIES = 20
 MOST_TEXTS = 200
+_FEW_ROWS = 100
 UNKNOWN_CATEGORY = -1.0
 """What `encode` gives a value that is none of the categories."""
 
@@ -103,7 +104,7 @@ def _suggested_kind(values: pa.ChunkedArray) -> type[Signal]:
     if pa.types.is_null(kind):
         raise KindError("holds no values at all", Remedy.IGNORE)
     if not (pa.types.is_integer(kind) or pa.types.is_string(kind)):
-        raise KindError(f"needs numbers, booleans or text, got {kind}", Remedy.IGNORE)
+        raise KindError(f"needs numbers, booleans or text, got {kind}{_inside(values)}", Remedy.IGNORE)
     count = pc.count_distinct(values).as_py()
     if count <= MOST_CATEGORIES:
         return Categorical
@@ -120,6 +121,23 @@ def _suggested_kind(values: pa.ChunkedArray) -> type[Signal]:
             Remedy.SAY_CATEGORY_OR_IGNORE,
         )
     return Categorical
+
+
+def _inside(values: pa.ChunkedArray) -> str:
+    """What stands in a column of lists or files, and what to do, in words; nothing for other types."""
+    kind = values.type
+    if pa.types.is_struct(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
+        return ": images and other files cannot be learned from"
+    shape = []
+    value = next((found for found in values.slice(0, _FEW_ROWS).to_pylist() if found is not None), None)
+    while isinstance(value, list):
+        shape.append(len(value))
+        value = value[0] if value else None
+    if not shape:
+        return ""
+    if len(shape) > 1:
+        return f", the first of the shape {tuple(shape)}: images cannot be learned from"
+    return f", the first of {shape[0]} values: make a column of each, such as NAME.0, NAME.1"
 
 
 def _whole(values: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -32,6 +32,7 @@ from tvae.data.trajectory import DataError
 INFO_PATH = Path("meta/info.json")
 _PICTURES = {"image", "video"}
 _RENAMED = {"episode_index": "episode", "frame_index": "step", "next.reward": "reward"}
+_SUPPORTED = "single values and vectors of numbers, booleans or text"
 _NOT_READ = {"index", "task_index"}
 
 
@@ -79,11 +80,16 @@ def _chosen(directory: Path, features: Mapping[str, Any], columns: Sequence[str]
     pictures = [name for name in chosen if features[name]["dtype"] in _PICTURES]
     if pictures:
         numbers = [name for name in features if name.startswith(("observation", "action")) and name not in pictures]
+        described = ", ".join(_described(name, features[name]) for name in pictures)
         raise DataError(
-            f"{directory}: {', '.join(pictures)}: images cannot be learned from; "
-            f"name the columns to read instead, such as {', '.join(numbers) or 'action'}"
+            f"{directory}: {described}: images cannot be learned from, only {_SUPPORTED}; name the columns to read "
+            f"instead (--only), such as {', '.join(numbers) or 'action'}"
         )
     return chosen
+
+
+def _described(name: str, feature: Mapping[str, Any]) -> str:
+    return f"{name} of the shape {list(feature.get('shape') or ())} and dtype {feature.get('dtype')}"
 
 
 def _read(directory: Path, part: str, columns: Sequence[str]) -> pa.Table:
@@ -132,6 +138,11 @@ def _parts(
         return
     widths = pc.unique(pc.list_value_length(values)).to_pylist()
     shape = tuple(feature.get("shape") or ())
+    if len(shape) > 1:
+        raise DataError(
+            f"{directory}: {_described(name, feature)}: cannot be learned from, only {_SUPPORTED}; name the columns to "
+            "read instead (--only)"
+        )
     if len(shape) != 1 or widths != [shape[0]] or pa.types.is_nested(kind.value_type):
         raise DataError(
             f"{directory}: {name}: needs lists of one length, as its shape {list(shape)} says, got {widths}"

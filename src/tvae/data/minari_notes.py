@@ -8,9 +8,11 @@ episode say whether the observation after the last action was recorded.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from tvae.data.names import absent, is_named
+from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.trajectory import DataError
 from tvae.spaces import Space
 
@@ -37,6 +39,22 @@ class MinariNotes:
     """The step column in each info."""
     attributes: Mapping[str, str]
     """The attribute in each entry of an episode's metadata."""
+
+    def only(self, columns: Sequence[str]) -> MinariNotes:
+        """How to read the signals of these columns, such as `observation.state` or `action`; without any, of all.
+
+        Raises `DataError` for a column that is not there, and where no observation or no action is left.
+        """
+        names = [OBSERVATION + name for name in self.observation_space.names]
+        names += [ACTION + name for name in self.action_space.names]
+        for wanted in columns:
+            if not any(is_named(name, wanted) for name in names):
+                raise DataError(absent(wanted, names))
+        seen, seen_keys = _chosen(OBSERVATION, self.observation_space, self.observation_keys, columns)
+        done, done_keys = _chosen(ACTION, self.action_space, self.action_keys, columns)
+        return replace(
+            self, observation_space=seen, observation_keys=seen_keys, action_space=done, action_keys=done_keys
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a JSON file."""
@@ -65,3 +83,16 @@ class MinariNotes:
             infos=data["infos"],
             attributes=data["attributes"],
         )
+
+
+def _chosen(prefix: str, space: Space, keys: Sequence[str], columns: Sequence[str]) -> tuple[Space, list[str]]:
+    """The signals that `columns` names, and where they are stored."""
+    chosen = [
+        (signal, key)
+        for signal, key in zip(space.signals, keys, strict=True)
+        if not columns or any(is_named(prefix + signal.name, wanted) for wanted in columns)
+    ]
+    if not chosen:
+        there = ", ".join(prefix + name for name in space.names)
+        raise DataError(f"needs at least one column {prefix}* to read; there are {there}")
+    return Space(tuple(signal for signal, _ in chosen)), [key for _, key in chosen]

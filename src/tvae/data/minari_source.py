@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,10 @@ from numpy.typing import NDArray
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.minari_notes import COLUMNS, ENTRY, FINAL_OBSERVED, MinariNotes
+from tvae.data.names import is_asked_for
 from tvae.data.trajectory import Attribute, DataError, Trajectory
-from tvae.gymnasium_spaces import flatten, space_from_gymnasium
+from tvae.gymnasium_spaces import UnsupportedSpaceError, flatten, space_from_gymnasium
+from tvae.spaces import Space
 
 _ID = re.compile(r"([-\w]+/)*[-\w]+-v\d+")
 
@@ -52,14 +56,16 @@ def find_minari(source: str | Path) -> Path | None:
     return None
 
 
-def read_minari(source: str | Path) -> Demonstrations:
-    """Demonstrations from a Minari data set, given by its id or its directory.
+def read_minari(source: str | Path, columns: Sequence[str] = ()) -> Demonstrations:
+    """Demonstrations from a Minari data set, given by its id or its directory; of `columns`, if any are given, the
+    signals of those only, such as `observation.state` and `action`.
 
     Kept are rewards, terminations and truncations (step columns `reward`, `terminated`, `truncated`), infos
     that are one value a step (`info.NAME`; the one of the reset is dropped), and what the episodes' metadata
     says in one value (attributes; the id is `episode`).
 
-    Raises `DataError` if there is no such data set, it is damaged, or its spaces are no vectors of numbers.
+    Raises `DataError` if there is no such data set, it is damaged, or its spaces are no vectors of numbers and
+    `columns` does not leave the part out that is none.
     """
     directory = find_minari(source)
     if directory is None:
@@ -73,20 +79,53 @@ def read_minari(source: str | Path) -> Demonstrations:
         about = list(storage.get_episode_metadata(range(int(metadata["total_episodes"]))))
         if not about:
             raise DataError("needs at least one episode, got none")
-        notes = MinariNotes.from_json(metadata[ENTRY]) if ENTRY in metadata else _notes_for(storage, about)
+        spaces = _Spaces.of(storage, columns)
+        ours = MinariNotes.from_json(metadata[ENTRY]) if ENTRY in metadata else None
+        notes = (ours or _notes_for(storage, spaces, about)).only(columns)
         return Demonstrations.from_trajectories(
-            _episodes(storage, notes, about), notes.observation_space, notes.action_space
+            _episodes(storage, spaces, notes, about), notes.observation_space, notes.action_space
         )
+    except UnsupportedSpaceError as error:
+        raise DataError(
+            f"{source}: {error}; name the parts to read instead (--only), such as action and observation.KEY"
+        ) from error
     except DataError as error:
         raise DataError(f"{source}: {error}") from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError, AssertionError, RuntimeError) as error:
         raise DataError(f"{source}: cannot be read as a Minari data set: {error}") from error
 
 
-def _notes_for(storage: MinariStorage, about: list[dict[str, Any]]) -> MinariNotes:
+@dataclass(frozen=True)
+class _Spaces:
+    """The spaces of a data set, without the parts of a Dict that are not read."""
+
+    observation: gymnasium.Space[Any]
+    action: gymnasium.Space[Any]
+
+    @classmethod
+    def of(cls, storage: MinariStorage, columns: Sequence[str]) -> _Spaces:
+        return cls(
+            _parts_read(storage.observation_space, "observation", columns),
+            _parts_read(storage.action_space, "action", columns),
+        )
+
+
+def _parts_read(space: gymnasium.Space[Any], name: str, columns: Sequence[str]) -> gymnasium.Space[Any]:
+    if not isinstance(space, gymnasium.spaces.Dict):
+        return space
+    parts = OrderedDict((key, f"{name}.{key}") for key in space.spaces if is_asked_for(f"{name}.{key}", columns))
+    if not parts:
+        there = ", ".join(f"{name}.{key}" for key in space.spaces)
+        raise DataError(f"needs at least one part of {name}s to read; there are {there}")
+    return gymnasium.spaces.Dict(
+        OrderedDict((key, _parts_read(space.spaces[key], below, columns)) for key, below in parts.items())
+    )
+
+
+def _notes_for(storage: MinariStorage, spaces: _Spaces, about: list[dict[str, Any]]) -> MinariNotes:
     """How to read a data set that is not ours: all signals, infos and facts under their own names."""
-    observation_space = space_from_gymnasium(storage.observation_space)
-    action_space = space_from_gymnasium(storage.action_space)
+    observation_space = _space("observation", spaces.observation)
+    action_space = _space("action", spaces.action)
     first = next(iter(storage.get_episodes([0])))
     infos = _scalar_infos(first["infos"] or {}, len(first["rewards"]))
     common = set.intersection(*(set(_scalar_facts(entry)) for entry in about))
@@ -101,15 +140,22 @@ def _notes_for(storage: MinariStorage, about: list[dict[str, Any]]) -> MinariNot
     )
 
 
+def _space(what: str, space: gymnasium.Space[Any]) -> Space:
+    try:
+        return space_from_gymnasium(space)
+    except UnsupportedSpaceError as error:
+        raise UnsupportedSpaceError(f"{what}s: {error}") from None
+
+
 def _episodes(
-    storage: MinariStorage, notes: MinariNotes, about: list[dict[str, Any]]
+    storage: MinariStorage, spaces: _Spaces, notes: MinariNotes, about: list[dict[str, Any]]
 ) -> Iterator[Trajectory]:
-    observation_order = _order(storage.observation_space, notes.observation_keys)
-    action_order = _order(storage.action_space, notes.action_keys)
+    observation_order = _order(spaces.observation, notes.observation_keys)
+    action_order = _order(spaces.action, notes.action_keys)
     for index, episode in enumerate(storage.get_episodes(range(len(about)))):
         facts = {"id": index, **_scalar_facts(about[index])}
-        observations = flatten(storage.observation_space, episode["observations"])[:, observation_order]
-        actions = flatten(storage.action_space, episode["actions"])[:, action_order]
+        observations = flatten(spaces.observation, episode["observations"])[:, observation_order]
+        actions = flatten(spaces.action, episode["actions"])[:, action_order]
         if not about[index].get(FINAL_OBSERVED, True):
             observations = observations[: len(actions)]
         infos = dict(_scalar_infos(episode["infos"] or {}, len(actions)))

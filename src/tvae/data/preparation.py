@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tvae.data.csv_files import AS_WRITTEN, CsvFormat
 from tvae.data.estimates import Estimate, MissingRule
 from tvae.data.roles import AS_NAMED, Roles
 
@@ -44,8 +45,13 @@ class Preparation:
     """Read these columns, those below them, such as all of `action`, or those of a pattern; by default all."""
     roles: Roles = AS_NAMED
     """Which column is what, where their names do not say so."""
+    csv: CsvFormat = AS_WRITTEN
+    """What separates columns and marks decimals in CSV files; no matter to other tables."""
     nulls: tuple[str, ...] = ()
     """Texts that stand for a missing value, such as `lost`."""
+    degrees: tuple[str, ...] = ()
+    """Columns of angles in degrees, such as `heading`, or patterns; they are read in radians. Where a table that we
+    wrote, or a source that is no table, has an angle already, it is in radians and stays as it is."""
     player: str | None = None
     """Column of the player whose row it is. Each player's rows are an episode, called EPISODE/PLAYER; the fact
     `session` is what the column `episode` says."""

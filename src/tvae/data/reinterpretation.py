@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
 
 from tvae.data.columns import KindError, decode, encode, signal_of
+from tvae.data.degrees import RADIANS_PER_DEGREE, with_degrees
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.table_roles import named_kinds
 from tvae.data.table_schema import ACTION, OBSERVATION
@@ -16,8 +17,12 @@ from tvae.data.trajectory import DataError
 from tvae.spaces import FloatArray, Signal, Space
 
 
-def with_kinds(demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]]) -> Demonstrations:
+def with_kinds(
+    demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]], degrees: Sequence[str] = ()
+) -> Demonstrations:
     """Take columns, such as `observation.heading` or `heading`, as signals of another kind.
+
+    Those that are named in `degrees` become angles; what is an angle already is in radians and stays as it is.
 
     Raises `DataError` for an unknown column and for values that cannot be of that kind.
 
@@ -30,12 +35,14 @@ def with_kinds(demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]]
     columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
     columns += [ACTION + name for name in demonstrations.action_space.names]
     kinds, issues = named_kinds(kinds, columns, {})
+    kinds, angles, found = with_degrees(kinds, degrees, columns, {})
+    issues += found
     if issues:
         raise DataError(str(issues[0]))
     observation_space, observations = _changed(
-        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds
+        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds, angles
     )
-    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds)
+    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds, angles)
     return replace(
         demonstrations,
         observation_space=observation_space,
@@ -46,7 +53,7 @@ def with_kinds(demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]]
 
 
 def _changed(
-    prefix: str, space: Space, rows: FloatArray, kinds: Mapping[str, type[Signal]]
+    prefix: str, space: Space, rows: FloatArray, kinds: Mapping[str, type[Signal]], degrees: Collection[str]
 ) -> tuple[Space, FloatArray]:
     """The space and, copied only where values change, its rows (N, C)."""
     signals = list(space.signals)
@@ -61,6 +68,8 @@ def _changed(
             encoded = encode(signals[index], values)
         except KindError as error:
             raise DataError(f"column {prefix}{old.name}: {error}") from None
+        if prefix + old.name in degrees:
+            encoded = encoded * RADIANS_PER_DEGREE
         if not np.array_equal(encoded, column):
             rows = np.array(rows)
             rows[:, index] = encoded

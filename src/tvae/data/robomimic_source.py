@@ -139,8 +139,9 @@ def _wide(
     """Each column of an array (steps, signals): `column` where it is the only one, else `column.0`, ..."""
     if values.ndim not in {1, 2}:
         raise DataError(
-            f"{name}: {where} needs numbers of the shape (steps, signals), got shape {values.shape}: images cannot be "
-            "learned from; name the columns to read instead"
+            f"{name}: {where} needs numbers of the shape (steps,) or (steps, signals), got the shape {values.shape} of "
+            f"dtype {values.dtype}: images cannot be learned from; name the columns to read instead (--only), such as "
+            "action and observation.KEY"
         )
     read = values[rows]
     wide = read.reshape(len(read), -1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tvae.data.columns import kinds_by_column
@@ -21,6 +22,7 @@ from tvae.spaces import Space
 
 MINARI_PREFIX = "minari:"
 DIRECTORY_SUFFIX = ".tvae"
+_NO_TABLE = "only a table can be prepared, by its columns, players, times or missing values"
 
 
 def load_demonstrations(
@@ -38,7 +40,7 @@ def load_demonstrations(
 
     | source                                         | read by                              |
     |------------------------------------------------|--------------------------------------|
-    | file `.parquet`, `.csv`, `.csv.gz`             | `read_table`                         |
+    | file `.parquet`, `.csv`, `.tsv`, `.csv.gz`     | `read_table`                         |
     | pattern such as `day-*/*.csv`, list of files   | `read_table_files`                   |
     | directory with such files in it or below it    | `read_table_files`                   |
     | table of pandas, polars, Arrow and others      | `read_table`, by Arrow's C stream    |
@@ -74,11 +76,11 @@ def load_demonstrations(
             action_space=action_space,
         )
     assert isinstance(source, str | Path)
-    if preparation != AS_RECORDED:
-        raise DataError(f"{source}: only a table can be prepared, by its columns, players, times or missing values")
-    demonstrations = _read(source)
+    if preparation != replace(AS_RECORDED, degrees=preparation.degrees, columns=preparation.columns):
+        raise DataError(f"{source}: {_NO_TABLE}")
+    demonstrations = _read(source, preparation.columns)
     try:
-        demonstrations = with_kinds(demonstrations, kinds)
+        demonstrations = with_kinds(demonstrations, kinds, preparation.degrees)
         check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:
         raise DataError(f"{source}: {error}") from None
@@ -100,14 +102,16 @@ def _is_episodes(directory: str | Path) -> bool:
     return (Path(directory) / HEADER_NAME).is_file() or find_minari(str(directory)) is not None
 
 
-def _read(source: str | Path) -> Demonstrations:
+def _read(source: str | Path, columns: Sequence[str]) -> Demonstrations:
     text, path = str(source), Path(source)
     if text.startswith(MINARI_PREFIX):
-        return read_minari(text.removeprefix(MINARI_PREFIX))
+        return read_minari(text.removeprefix(MINARI_PREFIX), columns)
     if (path / HEADER_NAME).is_file():
+        if columns:
+            raise DataError(f"{source}: {_NO_TABLE}")
         return Demonstrations.open(path)
     if find_minari(text) is not None:
-        return read_minari(text)
+        return read_minari(text, columns)
     if path.is_dir():
         raise DataError(
             f"{source}: a directory without {HEADER_NAME} (of demonstrations), without metadata.json or "
@@ -151,6 +155,7 @@ def save_demonstrations(
     |----------------------------|-------------------------------------------|
     | `NAME.parquet`             | Parquet file                              |
     | `NAME.csv`, `NAME.csv.gz`  | CSV file and `NAME.schema.json`           |
+    | `NAME.tsv`, `NAME.tsv.gz`  | the same with tabs between columns        |
     | `NAME.tvae`                | directory that is opened memory-mapped    |
     | `minari:namespace/name-v0` | Minari data set under Minari's root       |
     | `minari:DIRECTORY`         | Minari data set in a directory of its own |

@@ -7,19 +7,19 @@ import zlib
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from tvae.data.issues import Issue
+from tvae.data.csv_files import AS_WRITTEN, CsvFormat, read_csv
 from tvae.data.raw_table import RawTable
 from tvae.data.table_schema import TableSchema
 from tvae.data.trajectory import DataError
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
-CSV_SUFFIXES = (".csv", ".csv.gz")
+CSV_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".tsv.gz")
 METADATA_KEY = b"tvae"
+_UTF_16 = "text in UTF-16, not UTF-8"
+_OTHER_TEXT = "not UTF-8 text"
 _LOOK_BYTES = 1 << 16
-_BLOCK_BYTES = 1 << 26
 
 
 def is_parquet_name(path: Path) -> bool:
@@ -28,8 +28,13 @@ def is_parquet_name(path: Path) -> bool:
 
 
 def is_csv_name(path: Path) -> bool:
-    """Whether a file's name says that it is CSV, perhaps compressed."""
+    """Whether a file's name says that it is CSV, perhaps with tabs or compressed."""
     return path.name.lower().endswith(CSV_SUFFIXES)
+
+
+def has_tabs(path: Path) -> bool:
+    """Whether the name of a CSV file says that tabs separate its columns."""
+    return path.name.lower().endswith((".tsv", ".tsv.gz"))
 
 
 def schema_path(path: Path) -> Path:
@@ -42,8 +47,8 @@ def schema_path(path: Path) -> Path:
     return path.with_name(path.name[: -len(suffix)] + ".schema.json")
 
 
-def read_table_file(path: Path) -> RawTable:
-    """The table in a Parquet or CSV file, and its schema if we wrote it.
+def read_table_file(path: Path, form: CsvFormat = AS_WRITTEN) -> RawTable:
+    """The table in a Parquet or CSV file, whose text is of this form, and its schema if we wrote it.
 
     Lines of a CSV file with more or fewer values than the first are left out and reported as an issue.
 
@@ -51,17 +56,21 @@ def read_table_file(path: Path) -> RawTable:
     """
     if not path.is_file():
         raise DataError(f"{path}: there is no such file")
+    compressed = path.name.lower().endswith(".gz")
     if is_parquet_name(path):
         wanted = "Parquet"
     elif is_csv_name(path):
-        wanted = "gzip-compressed data" if path.name.lower().endswith(".gz") else "text"
+        wanted = "gzip-compressed data" if compressed else "text"
     else:
         names = ", ".join((*PARQUET_SUFFIXES, *CSV_SUFFIXES))
         raise DataError(f"{path}: the name of a table needs to end with one of {names}")
-    got = _contents(path)
+    got = _contents(_start(path))
+    if got == wanted and compressed:
+        wanted, got = "text", _contents(_start(path, "gzip"))
     if got != wanted:
-        raise DataError(f"{path}: the name says {wanted}, but the contents are {got}")
-    raw = _read_parquet(path) if wanted == "Parquet" else _read_csv(path)
+        how = "; save it as UTF-8, which spreadsheets call CSV UTF-8" if got in {_UTF_16, _OTHER_TEXT} else ""
+        raise DataError(f"{path}: the name says {wanted}, but the contents are {got}{how}")
+    raw = _read_parquet(path) if wanted == "Parquet" else _read_csv(path, form)
     if raw.schema is not None and raw.schema.num_rows != raw.table.num_rows:
         raise DataError(
             f"{path}: the schema was written for {raw.schema.num_rows:,} rows, but there are {raw.table.num_rows:,}: "
@@ -70,10 +79,17 @@ def read_table_file(path: Path) -> RawTable:
     return raw
 
 
-def _contents(path: Path) -> str:
+def _start(path: Path, compression: str | None = None) -> bytes:
+    """The first bytes of a file, or of what is compressed in it."""
+    try:
+        with pa.input_stream(path, compression=compression) as stream:
+            return bytes(stream.read(_LOOK_BYTES))
+    except (pa.ArrowException, OSError, zlib.error) as error:
+        raise DataError(f"{path}: no whole CSV file: {error}") from error
+
+
+def _contents(start: bytes) -> str:
     """What a file holds, from its first bytes, in words."""
-    with path.open("rb") as file:
-        start = file.read(_LOOK_BYTES)
     if not start:
         return "empty"
     for magic, what in (
@@ -81,17 +97,19 @@ def _contents(path: Path) -> str:
         (b"\x1f\x8b", "gzip-compressed data"),
         (b"\x89HDF", "HDF5"),
         (b"PK\x03\x04", "a zip archive (perhaps a spreadsheet)"),
-        (b"\xff\xfe", "text in UTF-16, not UTF-8"),
-        (b"\xfe\xff", "text in UTF-16, not UTF-8"),
+        (b"\xff\xfe", _UTF_16),
+        (b"\xfe\xff", _UTF_16),
     ):
         if start.startswith(magic):
             return what
     if b"\0" in start:
-        return "binary data"
+        half = len(start) // 2
+        every_second = half > 1 and half in (start[0::2].count(0), start[1::2].count(0))
+        return _UTF_16 if every_second else "binary data"
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
-        return "not UTF-8 text"
+        return _OTHER_TEXT
     return "text"
 
 
@@ -105,54 +123,15 @@ def _read_parquet(path: Path) -> RawTable:
     return RawTable(table, None if text is None else TableSchema.from_text(text.decode(), str(path)))
 
 
-def _read_csv(path: Path) -> RawTable:
+def _read_csv(path: Path, form: CsvFormat) -> RawTable:
     beside = schema_path(path)
     schema = None
     if beside.is_file():
         schema = TableSchema.from_text(beside.read_text(encoding="utf-8", errors="replace"), str(beside))
-    table, uneven = _parsed(path, schema, use_threads=True)
-    if uneven:
-        table, uneven = _parsed(path, schema, use_threads=False)  # only a single thread knows the numbers of lines
+    table, issues = read_csv(path, form, None if schema is None else schema.types)
     if schema is not None and not _ends_with_newline(path):
         raise DataError(f"{path}: the last line is not whole: the file was cut")
-    issues = []
-    if uneven:
-        first = uneven[0]
-        message = (
-            f"line {first.number} of {path.name} has {first.actual_columns} values, "
-            f"but the first line has {first.expected_columns}"
-        )
-        issues.append(Issue(message, count=len(uneven)))
-    return RawTable(table, schema, tuple(issues))
-
-
-def _parsed(
-    path: Path, schema: TableSchema | None, *, use_threads: bool
-) -> tuple[pa.Table, list[pa_csv.InvalidRow]]:
-    """The table of a CSV file, and the lines that have more or fewer values than the first.
-
-    Types follow from as much of the file as fits in a block, so that all values of a column are of one.
-    """
-    types = {} if schema is None else {name: pa.type_for_alias(kind) for name, kind in schema.types.items()}
-    uneven: list[pa_csv.InvalidRow] = []
-
-    def left_out(row: pa_csv.InvalidRow) -> str:
-        uneven.append(row)
-        return "skip"
-
-    try:
-        with pa.input_stream(path) as stream:
-            table = pa_csv.read_csv(
-                stream,
-                read_options=pa_csv.ReadOptions(use_threads=use_threads, block_size=_BLOCK_BYTES),
-                parse_options=pa_csv.ParseOptions(newlines_in_values=True, invalid_row_handler=left_out),
-                convert_options=pa_csv.ConvertOptions(
-                    column_types=types, strings_can_be_null=True, quoted_strings_can_be_null=False
-                ),
-            )
-    except (pa.ArrowException, OSError, zlib.error, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: no whole CSV file: {error}") from error
-    return table, uneven
+    return RawTable(table, schema, issues)
 
 
 def _ends_with_newline(path: Path) -> bool:

@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from tvae.data.columns import plain
+from tvae.data.degrees import in_radians, with_degrees, without_radians
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import MissingRule
 from tvae.data.filling import filled
@@ -68,13 +69,16 @@ def examine(
     """
     own = arranged(raw.table, raw.schema, preparation, observation_space)
     kinds, issues = named_kinds(kinds, own.table.column_names, own.recorded)
+    kinds, degrees, found_issues = with_degrees(kinds, preparation.degrees, own.table.column_names, own.recorded)
+    issues += found_issues
     issues = [*_layout_issues(raw.table, own, preparation), *issues]
     names = own.table.column_names
     if len(set(names)) < len(names) or raw.table.num_rows == 0:
         found = Examined(None, tuple(issues))
     else:
         table = pa.table([plain(column) for column in own.table.columns], names=names)
-        own = replace(own, table=without_nulls(table, preparation.nulls) if preparation.nulls else table)
+        table = without_nulls(table, preparation.nulls) if preparation.nulls else table
+        own = replace(own, table=in_radians(table, without_radians(degrees, raw.schema, own.recorded)))
         if own.issues or issues:
             found = Examined(None, (*issues, *column_issues(own.table, kinds, own.schema)))
         else:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from tvae.data.csv_files import AS_WRITTEN, CsvFormat
 from tvae.data.raw_table import RawTable
 from tvae.data.roles import AS_NAMED, Roles
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name, read_table_file
@@ -50,8 +51,8 @@ def table_files_in(directory: Path) -> list[Path]:
     )
 
 
-def read_table_files(paths: Sequence[Path], roles: Roles = AS_NAMED) -> RawTable:
-    """The rows of all files, one after another.
+def read_table_files(paths: Sequence[Path], roles: Roles = AS_NAMED, form: CsvFormat = AS_WRITTEN) -> RawTable:
+    """The rows of all files, one after another; the text of CSV files is of this form.
 
     Files without a column `episode` are an episode each, which is called like the file without its ending, unless
     `roles` name another column.
@@ -60,7 +61,7 @@ def read_table_files(paths: Sequence[Path], roles: Roles = AS_NAMED) -> RawTable
     """
     if not paths:
         raise DataError(f"needs at least one file ({_SUFFIXES}), got none")
-    raws = [read_table_file(path) for path in paths]
+    raws = [read_table_file(path, form) for path in paths]
     first = raws[0]
     for path, raw in zip(paths[1:], raws[1:], strict=True):
         _check_columns(path, raw.table, paths[0], first.table)

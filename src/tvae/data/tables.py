@@ -61,16 +61,26 @@ def open_table(source: DataSource, preparation: Preparation = AS_RECORDED) -> Ra
 def _opened(source: DataSource, preparation: Preparation) -> RawTable | None:
     if isinstance(source, ArrowStream):
         return RawTable(_in_memory(source))
-    if not isinstance(source, str | Path):
-        return read_table_files([Path(path) for path in source], preparation.roles)
+    files = _files(source)
+    if files is not None:
+        return read_table_files(files, preparation.roles, preparation.csv)
+    assert isinstance(source, str | Path)
     path = Path(source)
-    if not path.exists() and is_pattern(str(source)):
-        return read_table_files(matching_files(str(source)), preparation.roles)
     if is_lerobot(path):
         return read_lerobot(path, preparation.columns)
     if path.is_dir() or not (path.is_file() or is_table_name(path)):
         return None
-    return read_robomimic(path, preparation.columns) if is_hdf5_name(path) else read_table_file(path)
+    if is_hdf5_name(path):
+        return read_robomimic(path, preparation.columns)
+    return read_table_file(path, preparation.csv)
+
+
+def _files(source: str | Path | Sequence[str | Path]) -> list[Path] | None:
+    """The files of a list or a pattern; None where it is neither."""
+    if not isinstance(source, str | Path):
+        return [Path(path) for path in source]
+    is_files = not Path(source).exists() and is_pattern(str(source))
+    return matching_files(str(source)) if is_files else None
 
 
 def is_table_name(path: Path) -> bool:

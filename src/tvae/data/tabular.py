@@ -28,7 +28,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
 from tvae.data.raw_table import RawTable
-from tvae.data.table_files import METADATA_KEY, is_csv_name, is_parquet_name, schema_path
+from tvae.data.table_files import METADATA_KEY, has_tabs, is_csv_name, is_parquet_name, schema_path
 from tvae.data.table_rows import examine
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.tables import DataSource, open_table, title
@@ -130,14 +130,16 @@ def write_parquet(demonstrations: Demonstrations, path: str | Path, *, overwrite
 
 
 def write_csv(demonstrations: Demonstrations, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write a `.csv` or `.csv.gz` file and, beside it, `NAME.schema.json` with what its text cannot say.
+    """Write a CSV file and, beside it, `NAME.schema.json` with what its text cannot say.
 
+    The name ends with `.csv` or, for tabs between columns, `.tsv`, and with `.gz` behind it for a compressed one.
     Together they are read back without loss. Raises as `write_parquet` does.
     """
     path = Path(path)
     if not is_csv_name(path):
-        raise DataError(f"{path}: the name of a CSV file needs to end with .csv or .csv.gz")
+        raise DataError(f"{path}: the name of a CSV file needs to end with .csv, .csv.gz, .tsv or .tsv.gz")
     schema, tables = _tables(demonstrations)
+    form = pa_csv.WriteOptions(delimiter="\t" if has_tabs(path) else ",")
     compression = "gzip" if path.name.lower().endswith(".gz") else None
     with (
         appearing(path, overwrite=overwrite) as partial,
@@ -147,7 +149,7 @@ def write_csv(demonstrations: Demonstrations, path: str | Path, *, overwrite: bo
         columns = next(tables)
         with (
             pa.output_stream(partial, compression=compression) as stream,
-            pa_csv.CSVWriter(stream, columns.schema) as writer,
+            pa_csv.CSVWriter(stream, columns.schema, write_options=form) as writer,
         ):
             writer.write_table(columns)
             for columns in tables:

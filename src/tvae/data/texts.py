@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$"
 _INTEGER = r"^\s*[-+]?\d{1,18}\s*$"
+_WITH_MARK = {
+    ",": r"^\s*[-+]?(\d+,\d*|,\d+)([eE][-+]?\d+)?\s*$",
+    ".": r"^\s*[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?\s*$",
+}
 _MOST_SHOWN = 4
 
 
@@ -32,6 +36,40 @@ def as_numbers(texts: pa.ChunkedArray) -> pa.ChunkedArray:
     """
     whole = pc.all(pc.match_substring_regex(texts, _INTEGER)).as_py()
     return pc.utf8_trim_whitespace(texts).cast(pa.int64() if whole else pa.float64())
+
+
+def first_with_mark(values: pa.ChunkedArray, mark: str) -> str | None:
+    """The first number with this decimal mark, a comma or a point, in text of which at least half is numbers.
+
+    None where there is no such number, or where most is no number.
+
+    >>> first_with_mark(pa.chunked_array([["3", "1,5", "lost"]]), ",")
+    '1,5'
+    """
+    if not pa.types.is_string(values.type):
+        return None
+    known = pc.drop_null(values)
+    marked = pc.match_substring_regex(known, _WITH_MARK[mark])
+    numbers = pc.or_(marked, pc.match_substring_regex(known, _NUMBER))
+    if not pc.any(marked).as_py() or 2 * (pc.sum(numbers).as_py() or 0) < len(known):
+        return None
+    return str(known.filter(marked)[0].as_py()).strip()
+
+
+def with_points(table: pa.Table) -> pa.Table:
+    """The same with a decimal point in numbers with a comma that stand in columns of text.
+
+    >>> with_points(pa.table({"ping": ["31,5", "lost"], "cell": ["a", "b"]}))["ping"].to_pylist()
+    ['31.5', 'lost']
+    """
+    for at, name in enumerate(table.column_names):
+        texts = table[name]
+        if first_with_mark(texts, ",") is not None:
+            pointed = pc.if_else(
+                pc.match_substring_regex(texts, _WITH_MARK[","]), pc.replace_substring(texts, ",", "."), texts
+            )
+            table = table.set_column(at, name, pointed)
+    return table
 
 
 def without_nulls(table: pa.Table, nulls: Sequence[str]) -> pa.Table:

@@ -11,18 +11,20 @@ import numpy as np
 
 from tvae.data.columns import kinds_by_column
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.issues import Issue
+from tvae.data.issues import Issue, Remedy
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
 from tvae.data.sources import load_demonstrations, open_any_table
-from tvae.data.table_rows import examine
+from tvae.data.table_rows import Examined, examine
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.tables import DataSource
 from tvae.data.trajectory import Attribute, DataError
-from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe
+from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe, kind_name
 
 _BLOCK_STEPS = 1 << 20
 _MOST_VALUES = 20
+_FULL_TURN = 2 * math.pi * (1 + 1e-6)
+"""A little more than 2 pi in single precision."""
 
 
 def validate(
@@ -34,7 +36,7 @@ def validate(
     binary: Sequence[str] = (),
     preparation: Preparation = AS_RECORDED,
 ) -> list[Issue]:
-    """Everything that keeps `load_demonstrations` from reading a source; nothing if it is sound.
+    """Everything that keeps `load_demonstrations` from reading a source; nothing if it can be read.
 
     For a table each kind of problem is counted, with the first place where it stands; for other sources it
     is the first problem.
@@ -48,10 +50,69 @@ def validate(
     episode 7, step 2, column step: leaves a gap: it follows step 0
     episode 7, step 0, column observation.x: is missing or not a number
     """
+    examined = _examined(
+        source,
+        angular=angular,
+        continuous=continuous,
+        categorical=categorical,
+        binary=binary,
+        preparation=preparation,
+    )
+    return list(examined.issues)
+
+
+@dataclass(frozen=True)
+class Soundness:
+    """What is to be said against a source."""
+
+    issues: tuple[Issue, ...]
+    """What keeps it from being read."""
+    suspicions: tuple[Issue, ...]
+    """What can be read, but is perhaps not meant so; nothing where there are issues."""
+
+
+def examine_source(
+    source: DataSource,
+    *,
+    angular: Sequence[str] = (),
+    continuous: Sequence[str] = (),
+    categorical: Sequence[str] = (),
+    binary: Sequence[str] = (),
+    preparation: Preparation = AS_RECORDED,
+) -> Soundness:
+    """What `validate` finds, and what looks as if it were meant otherwise.
+
+    >>> import pyarrow as pa
+    >>> rows = {"episode": [0, 0], "step": [0, 1], "observation.heading": [350.0, 10.0], "action.go": [0.5, 1.5]}
+    >>> print(examine_source(pa.table(rows), angular=["heading"]).suspicions[0])
+    column observation.heading: is an angle in radians, but goes from 10 to 350: is it in degrees?
+    """
+    examined = _examined(
+        source,
+        angular=angular,
+        continuous=continuous,
+        categorical=categorical,
+        binary=binary,
+        preparation=preparation,
+    )
+    if examined.demonstrations is None:
+        return Soundness(examined.issues, ())
+    return Soundness((), tuple(suspicions(summarise(examined.demonstrations))))
+
+
+def _examined(
+    source: DataSource,
+    *,
+    angular: Sequence[str],
+    continuous: Sequence[str],
+    categorical: Sequence[str],
+    binary: Sequence[str],
+    preparation: Preparation,
+) -> Examined:
     try:
         raw = open_any_table(source, preparation)
         if raw is None:
-            load_demonstrations(
+            demonstrations = load_demonstrations(
                 source,
                 angular=angular,
                 continuous=continuous,
@@ -59,11 +120,11 @@ def validate(
                 binary=binary,
                 preparation=preparation,
             )
-            return []
+            return Examined(demonstrations, ())
     except DataError as error:
-        return [Issue(str(error))]
+        return Examined(None, (Issue(str(error)),))
     kinds = kinds_by_column(angular, continuous, categorical, binary)
-    return list(examine(raw, kinds=kinds, preparation=preparation).issues)
+    return examine(raw, kinds=kinds, preparation=preparation)
 
 
 @dataclass(frozen=True)
@@ -107,6 +168,19 @@ class Summary:
     steps: tuple[str, ...]
     """Names of the step columns."""
     attributes: tuple[AttributeSummary, ...]
+
+
+def suspicions(summary: Summary) -> Iterator[Issue]:
+    """Angles beyond two full turns, which are seldom recorded in radians: |x| > 2 pi."""
+    for signal in summary.signals:
+        if signal.kind != kind_name(Angular(signal.column)) or signal.minimum is None or signal.maximum is None:
+            continue
+        if max(-signal.minimum, signal.maximum) > _FULL_TURN:
+            message = (
+                f"is an angle in radians, but goes from {signal.minimum:.4g} to {signal.maximum:.4g}: "
+                "is it in degrees?"
+            )
+            yield Issue(message, column=signal.column, remedy=Remedy.SAY_DEGREES)
 
 
 def summarise(demonstrations: Demonstrations) -> Summary:

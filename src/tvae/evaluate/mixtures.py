@@ -27,6 +27,8 @@ _VERY_STRONG = 10.0
 _AS_GOOD = 0.02
 """A difference in BIC per point that makes no practical difference: 0.01 nats of log-likelihood."""
 _MOST_PLAUSIBLE = 6
+_BLOCK_POINTS = 1 << 16
+"""Points whose densities are in memory at once."""
 _POINTS_PER_COMPONENT = 3
 
 
@@ -102,9 +104,13 @@ def assign(clusters: Sequence[Components], points: FloatArray) -> tuple[IntArray
     >>> cluster.tolist(), probability.round(3).tolist()  # 1 / (1 + exp(-2))
     ([1], [0.881])
     """
-    joint = np.stack([components.log_density(points) for components in clusters], axis=1)
-    probability: FloatArray = np.exp(joint.max(1) - logsumexp(joint, axis=1))
-    return joint.argmax(1), probability
+    cluster, probability = np.empty(len(points), dtype=np.int64), np.empty(len(points))
+    for first in range(0, len(points), _BLOCK_POINTS):
+        block = slice(first, first + _BLOCK_POINTS)
+        joint = np.stack([components.log_density(points[block]) for components in clusters], axis=1)
+        cluster[block] = joint.argmax(1)
+        probability[block] = np.exp(joint.max(1) - logsumexp(joint, axis=1))
+    return cluster, probability
 
 
 def plausible_mixtures(points: FloatArray, *, floor: float, seed: int = 0) -> list[Components]:

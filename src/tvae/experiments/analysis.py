@@ -28,7 +28,7 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
 SAMPLES_FOR_TABLE = 4
-_MOST_LIKELIHOODS = 100_000
+MOST_LIKELIHOODS = 100_000
 """Sessions whose likelihood stands in the table; of more, evenly spaced ones."""
 _MOST_TOLD = 20_000
 """Sessions that are asked what z tells of their first observation; of more, evenly spaced ones."""
@@ -64,7 +64,7 @@ def likelihood_per_step(
     model: TrajectoryVAE, demonstrations: Demonstrations, *, seed: int, console: Console
 ) -> FloatArray:
     """(E,) in nats, NaN where it was not computed: of very many episodes, it is for evenly spaced ones only."""
-    some = _evenly(len(demonstrations), _MOST_LIKELIHOODS)
+    some = _evenly(len(demonstrations), MOST_LIKELIHOODS)
     if len(some) < len(demonstrations):
         console.print(
             f"log_likelihood_per_step is computed for {len(some):,} of {len(demonstrations):,} sessions, evenly "

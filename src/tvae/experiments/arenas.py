@@ -25,7 +25,8 @@ class Arena:
     """Which environment, how it is made, and how many test episodes each bot plays."""
 
     env: str
-    """Gymnasium id, with its module before a colon if that must be imported first."""
+    """Gymnasium id, with its module before a colon if that must be imported first, or MODULE:NAME of a parallel
+    environment of PettingZoo."""
     options: Mapping[str, Any] = field(default_factory=dict)
     episodes: int = 1000
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -18,12 +19,14 @@ from tvae.evaluate.likelihood import mean_interval
 from tvae.experiments.arenas import Arena, knowledge_of
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import update_metrics
+from tvae.experiments.parallel import is_parallel, opened, played
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.model.decoding import Choice, LatentSource, most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import check_spaces, rollout
+from tvae.spaces import Space
 
 _MOST_COPIES = 1000
 _COPIES_OF_SLOW_ENVIRONMENTS = 20
@@ -36,6 +39,18 @@ def vector_env(arena: Arena) -> VectorEnv[Any, Any, Any]:
     return gymnasium.make_vec(arena.env, num_envs=min(copies, arena.episodes), **arena.options)
 
 
+def check_arena(arena: Arena, observation_space: Space, action_space: Space) -> None:
+    """Raise `TvaeError` if the environment's signals are not supported, or are other ones than these."""
+    if is_parallel(arena.env):
+        with opened(arena, observation_space, action_space):
+            return
+    envs = vector_env(replace(arena, episodes=1))
+    try:
+        check_spaces(envs, observation_space, action_space)
+    finally:
+        envs.close()
+
+
 def bot_episodes(
     model: TrajectoryVAE,
     latents: LatentSource,
@@ -46,15 +61,20 @@ def bot_episodes(
     seed: int,
     on_step: Callable[[int], None],
 ) -> Demonstrations:
-    """Episodes of the bot whose z comes from `latents`.
+    """Episodes of the bot whose z comes from `latents`; where there are several players, of each of them.
 
     Raises `SpaceMismatchError` if the environment has other signals than the model.
     """
+
+    def bot() -> LatentPolicy:
+        return LatentPolicy(model, latents, choice=choice, window=window)
+
+    if is_parallel(arena.env):
+        return played(arena, model.observation_space, model.action_space, bot, seed=seed, on_step=on_step)
     envs = vector_env(arena)
     try:
         check_spaces(envs, model.observation_space, model.action_space)
-        policy = LatentPolicy(model, latents, choice=choice, window=window)
-        return rollout(envs, policy, arena.episodes, seed=seed, on_step=on_step)
+        return rollout(envs, bot(), arena.episodes, seed=seed, on_step=on_step)
     finally:
         envs.close()
 

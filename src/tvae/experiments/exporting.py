@@ -6,10 +6,13 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tvae.data.degrees import with_degrees
+from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.errors import TvaeError
 from tvae.experiments.findings import Findings
+from tvae.experiments.fitting import about_run
 from tvae.experiments.progress import counting
-from tvae.experiments.run_directory import read_json
+from tvae.experiments.run_directory import RunDirectory, read_json
 from tvae.export.bundle import Export, export_onnx, graphs
 from tvae.export.manifest import NamedStyle, named_styles
 from tvae.model.tvae import TrajectoryVAE
@@ -29,6 +32,15 @@ def styles_of(directory: Path) -> tuple[NamedStyle, ...]:
     return named_styles(found.playstyles.styles, found.labels, found.words)
 
 
+def recorded_in_degrees(model: TrajectoryVAE, run: RunDirectory) -> list[str]:
+    """The columns of a model whose recordings were in degrees, as far as its run knows; a model alone knows of none."""
+    if "run" not in read_json(run.config):
+        return []
+    names = [OBSERVATION + name for name in model.observation_space.names]
+    names += [ACTION + name for name in model.action_space.names]
+    return with_degrees({}, about_run(run).source.reading.degrees, names, {})[1]
+
+
 def export(name: str, out: Path, *, force: bool, console: Console) -> Export:
     """Export the run or model in a directory, or the shipped model of this name.
 
@@ -40,4 +52,5 @@ def export(name: str, out: Path, *, force: bool, console: Console) -> Export:
         raise FileExistsError(f"{out} exists already; choose another --out, or replace it with --force")
     styles = styles_of(directory)
     with counting("graphs", len(graphs(model)), console) as done:
-        return export_onnx(model, out, styles, overwrite=force, on_graph=done)
+        degrees = recorded_in_degrees(model, RunDirectory(directory))
+        return export_onnx(model, out, styles, degrees=degrees, overwrite=force, on_graph=done)

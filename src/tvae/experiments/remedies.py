@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from tvae.data.issues import Issue, Remedy
+from tvae.data.validation import Summary, suspicions
 
 _OPTIONS: Mapping[Remedy, str] = {
     Remedy.NAME_EPISODE: "name it: --episode COLUMN",
@@ -12,6 +13,7 @@ _OPTIONS: Mapping[Remedy, str] = {
     Remedy.NAME_ACTIONS: "name them, or a pattern: --action COLUMN, once for each",
     Remedy.NAME_OBSERVATIONS: "with --action, what is left over are observations; or name them: --observation COLUMN",
     Remedy.SAY_KIND: "--continuous {column}, --angular {column} or --categorical {column}; or --ignore {column}",
+    Remedy.SAY_DEGREES: "--degrees {column}, instead of --angular {column}, takes it for an angle in degrees",
     Remedy.SAY_CATEGORY_OR_IGNORE: "--ignore {column} or --categorical {column}",
     Remedy.SAY_TEXT_IS_MISSING: "--null TEXT reads a text as a missing value; or --categorical {column}",
     Remedy.FILL: "--missing hold, --missing linear or --missing drop; or --ignore {column}",
@@ -21,6 +23,12 @@ _OPTIONS: Mapping[Remedy, str] = {
     Remedy.TELL_PLAYERS_APART: "--player COLUMN where the rows are those of several players",
     Remedy.IGNORE: "--ignore {column}",
 }
+
+
+def doubts(summary: Summary) -> Iterator[str]:
+    """What can be read, but is perhaps not meant so, in sentences with the options that say otherwise."""
+    for issue in suspicions(summary):
+        yield f"Warning: {issue} {options_for(issue)}"
 
 
 def options_for(issue: Issue) -> str | None:

@@ -16,9 +16,10 @@ from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
-from tvae.experiments.bots import try_bots
+from tvae.experiments.bots import check_arena, try_bots
 from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
 from tvae.experiments.recipe import Recipe
+from tvae.experiments.remedies import doubts
 from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
@@ -48,6 +49,8 @@ def new_run(
     source = source.absolute()
     demonstrations = source.load()
     _check(demonstrations, config, device)
+    if arena is not None:
+        check_arena(arena, demonstrations.observation_space, demonstrations.action_space)
     run = RunDirectory.create(out, force=force)
     begin(run, demonstrations, About(config, source, arena, out.name, tuple(command)))
     return Begun(run, demonstrations)
@@ -87,6 +90,8 @@ def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[
     summary = summarise(demonstrations)
     console.print(f"{summary.num_episodes} episodes, {summary.num_steps} steps, taken for:")
     console.print(signals_table(summary))
+    for doubt in doubts(summary):
+        console.print(doubt, style="yellow", highlight=False, markup=False)
     if about.source.reading.left_over is not None:
         console.print(about.source.reading.left_over, highlight=False)
     model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)

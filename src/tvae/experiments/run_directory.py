@@ -107,9 +107,10 @@ class RunDirectory:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON, whole or not at all."""
-    with appearing(path, overwrite=True) as partial:
-        partial.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n")
+    """Write JSON, whole or not at all, without a copy of the text in memory."""
+    with appearing(path, overwrite=True) as partial, partial.open("w", encoding="utf-8") as file:
+        json.dump(data, file, indent=2, allow_nan=False)
+        file.write("\n")
 
 
 def read_json(path: Path) -> Any:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from tvae.data.csv_files import CsvFormat
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import Estimate, MissingRule, drop_episode, hold_last, in_turn, interpolate
 from tvae.data.preparation import Clock, Preparation
@@ -21,6 +22,9 @@ ResampleName: TypeAlias = Literal["hold", "linear"]
 MissingName: TypeAlias = Literal["hold", "linear", "drop"]
 _RESAMPLE: Mapping[str, Estimate] = {"hold": hold_last, "linear": interpolate}
 _MISSING: Mapping[str, MissingRule] = {**_RESAMPLE, "drop": drop_episode}
+
+_SEPARATORS: Mapping[str, str] = {"tab": "\t", "\\t": "\t"}
+"""Words for what is no character that can be typed."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +43,19 @@ class Reading:
     """Column to leave out, or a pattern; may be repeated."""
     angular: tuple[str, ...] = ()
     """Column that is an angle in radians, such as heading; may be repeated."""
+    degrees: tuple[str, ...] = ()
+    """Column that is an angle in degrees, such as heading, and is read in radians; may be repeated."""
     continuous: tuple[str, ...] = ()
     """Column that is a number; may be repeated."""
     categorical: tuple[str, ...] = ()
     """Column that is a category; may be repeated."""
     binary: tuple[str, ...] = ()
     """Column that is yes (1) or no (0), such as a button; may be repeated."""
+    separator: str | None = None
+    """Character between the columns of a CSV file, or tab; by default the comma, semicolon or tab of the first line."""
+    decimal: str | None = None
+    """Decimal mark of a CSV file, a point or a comma; by default a comma where numbers are written so and columns are
+    not separated by one."""
     null: tuple[str, ...] = ()
     """Text that stands for a missing value, such as lost; may be repeated."""
     only: tuple[str, ...] = ()
@@ -78,7 +89,9 @@ class Reading:
         return Preparation(
             columns=self.only,
             roles=Roles(self.episode, self.step, self.action, self.observation, self.ignore),
+            csv=CsvFormat(_SEPARATORS.get(self.separator or "", self.separator), self.decimal),
             nulls=self.null,
+            degrees=self.degrees,
             player=self.player,
             clock=None if self.time is None else Clock(self.time, self.every, rule),
             missing=in_turn(*(_MISSING[name] for name in self.missing)) if self.missing else None,

@@ -17,6 +17,46 @@ from tvae.experiments.reproduction.studies import STUDIES
 
 PUSHT_DATA = Path("data/pusht_human_206.npz")
 OVERCOOKED_DATA = Path("data/overcooked_human_2019.json.gz")
+PUSHT_CONFIG = RunConfig(
+    model=ModelConfig(
+        latent_features=4,
+        hidden_features=128,
+        window=2,
+        stop=False,
+        action_components=5,
+        state_components=5,
+        prior_components=1,
+    ),
+    training=TrainingConfig(
+        num_steps=1_500,
+        batch_size=32,
+        learning_rate=3e-3,
+        kl_points=((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)),
+        patience=15,
+        held_out=0.15,
+    ),
+)
+OVERCOOKED_CONFIG = RunConfig(
+    model=ModelConfig(
+        latent_features=8,
+        hidden_features=128,
+        dropout=0.05,
+        stop=False,
+        action_components=1,
+        prior_components=1,
+        horizon=8,
+    ),
+    training=TrainingConfig(
+        num_steps=1_000,
+        batch_size=16,
+        learning_rate=5e-3,
+        state_weight=0.1,
+        kl_points=((0.0, 8.0),),
+        patience=1_000,
+        held_out=0.1,
+    ),
+    group="pair",
+)
 
 
 def navigation(data: Path | None, seed: int) -> Recipe:
@@ -48,31 +88,12 @@ def _of_the_paper(task: str, env: str, data: Path | None, seed: int) -> Recipe:
 
 def pusht(data: Path | None, seed: int) -> Recipe:
     """206 human demonstrations of pushing a T-shaped block to its place (Chi et al. 2023)."""
-    path = _there(data or PUSHT_DATA)
-    module = _simulated("tvae.envs.pusht", "pusht")
+    path = recordings(data or PUSHT_DATA)
+    module = simulated("tvae.envs.pusht", "pusht")
     return Recipe(
         title="PushT, 206 human demonstrations",
         demonstrations=lambda: module.pusht_demonstrations(path),
-        config=RunConfig(
-            model=ModelConfig(
-                latent_features=4,
-                hidden_features=128,
-                window=2,
-                stop=False,
-                action_components=5,
-                state_components=5,
-                prior_components=1,
-            ),
-            training=TrainingConfig(
-                num_steps=1_500,
-                batch_size=32,
-                learning_rate=3e-3,
-                kl_points=((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)),
-                patience=15,
-                held_out=0.15,
-            ),
-            seed=seed,
-        ),
+        config=replace(PUSHT_CONFIG, seed=seed),
         arena=Arena("tvae/PushT-v0", episodes=200),
     )
 
@@ -84,8 +105,8 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
     and the weight of the next state is small. That likelihood counts the same evidence up to 8 times, and so does the
     KL term.
     """
-    path = _there(data or OVERCOOKED_DATA)
-    module = _simulated("tvae.envs.overcooked", "overcooked")
+    path = recordings(data or OVERCOOKED_DATA)
+    module = simulated("tvae.envs.overcooked", "overcooked")
     return Recipe(
         title="Overcooked, coordination ring, human pairs",
         demonstrations=lambda: segment(
@@ -94,28 +115,7 @@ def overcooked(data: Path | None, seed: int) -> Recipe:
             stride=50,
             minimum=100,
         ),
-        config=RunConfig(
-            model=ModelConfig(
-                latent_features=8,
-                hidden_features=128,
-                dropout=0.05,
-                stop=False,
-                action_components=1,
-                prior_components=1,
-                horizon=8,
-            ),
-            training=TrainingConfig(
-                num_steps=1_000,
-                batch_size=16,
-                learning_rate=5e-3,
-                state_weight=0.1,
-                kl_points=((0.0, 8.0),),
-                patience=1_000,
-                held_out=0.1,
-            ),
-            seed=seed,
-            group="pair",
-        ),
+        config=replace(OVERCOOKED_CONFIG, seed=seed),
         arena=Arena("tvae/Overcooked-v0", {"layout": "coordination_ring", "horizon": 400}, episodes=100),
     )
 
@@ -129,14 +129,15 @@ TASKS: dict[str, Callable[[Path | None, int], Recipe]] = {
 }
 
 
-def _there(path: Path) -> Path:
+def recordings(path: Path) -> Path:
+    """The path, if there is a file; else `TvaeError`, which says how to name its place."""
     if not path.is_file():
         raise TvaeError(f"{path} is not there; the file comes with the repository, name its place with --data")
     return path
 
 
-def _simulated(module: str, extra: str) -> Any:
-    """A module that needs a simulator, which is an optional extra."""
+def simulated(module: str, extra: str) -> Any:
+    """A module that needs a simulator, which is an optional extra; `TvaeError` says what to install."""
     try:
         return import_module(module)
     except ImportError as error:

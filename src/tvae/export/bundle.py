@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,13 +53,15 @@ def export_onnx(
     directory: str | Path,
     styles: Sequence[NamedStyle] = (),
     *,
+    degrees: Collection[str] = (),
     overwrite: bool = False,
     on_graph: Callable[[int], None] = lambda done: None,
 ) -> Export:
     """Write `policy_step.onnx`, `state_decoder.onnx`, `encoder.onnx` and `manifest.json`, all of them or none.
 
     Each graph is run in ONNX Runtime and compared with PyTorch before anything appears. `on_graph` is told how many
-    are done.
+    are done. The manifest says of columns that are named in `degrees`, such as `observation.heading`, that they were
+    recorded in degrees; the graphs read and write all angles in radians.
 
     Raises `ExportError` where a package is missing or the two differ by more than 1e-5, and `FileExistsError` for a
     directory that exists unless `overwrite`, and also then where it is no export.
@@ -76,6 +78,6 @@ def export_onnx(
             operators = write_onnx(graph.eval(), path)
             written.append(Written(graph, operators, check_parity(frozen, graph, path)))
             on_graph(len(written))
-        content = json.dumps(manifest(frozen, written, styles), indent=2, allow_nan=False)
+        content = json.dumps(manifest(frozen, written, styles, degrees), indent=2, allow_nan=False)
         (partial / MANIFEST).write_text(content + "\n", encoding="utf-8")
     return Export(directory, tuple(written))

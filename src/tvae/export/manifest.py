@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,8 +56,10 @@ class Written:
     largest_difference: float
 
 
-def manifest(model: TrajectoryVAE, files: Sequence[Written], styles: Sequence[NamedStyle]) -> dict[str, Any]:
-    """The content of `manifest.json`, plain data."""
+def manifest(
+    model: TrajectoryVAE, files: Sequence[Written], styles: Sequence[NamedStyle], degrees: Collection[str] = ()
+) -> dict[str, Any]:
+    """The content of `manifest.json`, plain data; columns that are named in `degrees` were recorded so."""
     return {
         "format": FORMAT,
         "schema_version": SCHEMA_VERSION,
@@ -66,8 +68,8 @@ def manifest(model: TrajectoryVAE, files: Sequence[Written], styles: Sequence[Na
         "ir_version": IR_VERSION,
         "engines": [{"name": engine.name, "version": engine.version} for engine in ENGINES],
         "graphs": {written.graph.name: _graph(written) for written in files},
-        "observation": _columns(model.observation_space),
-        "action": _columns(model.action_space),
+        "observation": _columns("observation.", model.observation_space, degrees),
+        "action": _columns("action.", model.action_space, degrees),
         "policy": {"window": model.bot_window, "how_to_act": list(_ACT)},
         "imagination": {"window": model.window, "how_to_imagine": list(_IMAGINE)},
         "z": {"size": model.latent_features, "how_to_draw": _DRAW},
@@ -103,8 +105,12 @@ def _graph(written: Written) -> dict[str, Any]:
     return found
 
 
-def _columns(space: Space) -> list[dict[str, Any]]:
-    return [{"column": column, **_signal(signal)} for column, signal in enumerate(space.signals)]
+def _columns(prefix: str, space: Space, degrees: Collection[str]) -> list[dict[str, Any]]:
+    columns = []
+    for column, signal in enumerate(space.signals):
+        found = {"column": column, **_signal(signal)}
+        columns.append(found | {"recorded_unit": "degrees"} if prefix + signal.name in degrees else found)
+    return columns
 
 
 def _signal(signal: Signal) -> dict[str, Any]:

@@ -44,6 +44,11 @@ def whole(batch: TrajectoryBatch) -> Windows:
     return Windows(everyone, steps.expand(len(batch), -1), batch.mask)
 
 
+def cut_anywhere(batch: TrajectoryBatch, window: int | None) -> Windows:
+    """Windows of `window` steps, cut at a random offset; whole trajectories for None."""
+    return whole(batch) if window is None else cut(batch.lengths, window, int(torch.randint(window, ())))
+
+
 def rolling(lengths: Int[Tensor, " B"], window: int) -> Windows:
     """What a bot with the rolling window W sees: each step at the end of a window of its own.
 

@@ -24,7 +24,7 @@ from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import Windows, cut, whole
+from tvae.model.windows import Windows, cut_anywhere
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
 from tvae.train.diagnosis import diagnose
 from tvae.train.memory import candidates, shortest_sufficient_window
@@ -205,8 +205,8 @@ class _Steps:
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
             batch = batch_of(self.demonstrations, self.sampler.episodes(step), model.device)
-            policy = _any_of(self.windows, batch) if step < self.chosen else _cut(batch, model.bot_window)
-            terms = elbo(model, batch, policy=policy, state=_cut(batch, model.window))
+            policy = _any_of(self.windows, batch) if step < self.chosen else cut_anywhere(batch, model.bot_window)
+            terms = elbo(model, batch, policy=policy, state=cut_anywhere(batch, model.window))
             value = terms.value(beta, self.state_weight)
             for penalty in self.penalties:
                 value = value - penalty(model, batch, terms.posterior, terms.z)
@@ -225,14 +225,9 @@ class _Steps:
         return history, beta
 
 
-def _cut(batch: TrajectoryBatch, window: int | None) -> Windows:
-    """Windows of this length, cut at a random offset."""
-    return whole(batch) if window is None else cut(batch.lengths, window, int(torch.randint(window, ())))
-
-
 def _any_of(lengths: Sequence[int | None], batch: TrajectoryBatch) -> Windows:
     """Windows of one of these lengths."""
-    return _cut(batch, lengths[int(torch.randint(len(lengths), ()))])
+    return cut_anywhere(batch, lengths[int(torch.randint(len(lengths), ()))])
 
 
 @torch.no_grad()
@@ -244,8 +239,8 @@ def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size
     with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
-            terms = _mean(elbo(model, batch, policy=_cut(batch, model.bot_window), state=_cut(batch, model.window)))
-            weighted.extend([terms] * len(episodes))
+            windows = {"policy": cut_anywhere(batch, model.bot_window), "state": cut_anywhere(batch, model.window)}
+            weighted.extend([_mean(elbo(model, batch, **windows))] * len(episodes))
     model.train(was_training)
     return _average(weighted)
 

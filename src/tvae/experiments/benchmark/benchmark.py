@@ -15,11 +15,12 @@ from threadpoolctl import threadpool_limits
 from tvae.errors import TvaeError
 from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
 from tvae.experiments.benchmark.methods import METHODS
+from tvae.experiments.benchmark.playing import left_out, obstacle
 from tvae.experiments.benchmark.stored import asked_of, name_of, require_one_table, stored
-from tvae.experiments.benchmark.table import COLUMNS, markdown, summaries, title, write_csv
-from tvae.experiments.benchmark.tasks import TASKS
+from tvae.experiments.benchmark.table import markdown, panels, summaries, write_csv
+from tvae.experiments.benchmark.tasks import PAPER, TASKS
 from tvae.experiments.progress import counting
-from tvae.figures.benchmark import Bar, benchmark_figure
+from tvae.figures.benchmark import benchmark_figure
 from tvae.figures.canvas import save
 from tvae.files import appearing
 
@@ -31,16 +32,17 @@ class Plan:
     OUT/cells/TASK/METHOD/seed-K/metrics.json holds a cell, OUT/README.md, OUT/benchmark.csv and OUT/benchmark.png
     (and .svg) what comes of all that are there, also those of earlier plans.
 
-    Raises `TvaeError` for a task or a method that there is not, and where there is nothing to do; the message says
-    which there are.
+    A method is left out of a task that it cannot play (`tvae.experiments.benchmark.playing`). Raises `TvaeError` for a
+    task or a method that there is not, and where there is nothing to do; the message says which there are, or why.
     """
 
     out: Path
     seeds: Sequence[int]
-    tasks: Sequence[str] = tuple(TASKS)
+    tasks: Sequence[str] = PAPER
     methods: Sequence[str] = tuple(METHODS)
     budget: Budget = field(default_factory=Budget)
     finished: Path = Path("results/cells")
+    data: Path = Path("data")
     command: str = "tvae benchmark"
 
     def __post_init__(self) -> None:
@@ -51,17 +53,19 @@ class Plan:
         if not self.seeds:
             raise TvaeError("a benchmark needs at least one seed, got none")
         if not self.all_cells():
-            raise TvaeError(f"none of {', '.join(self.methods)} plays {', '.join(self.tasks)}")
+            why = "; ".join(left_out(self.methods, self.tasks))
+            raise TvaeError(f"none of {', '.join(self.methods)} plays {', '.join(self.tasks)}: {why}")
 
     def methods_of(self, task: str) -> list[str]:
         """Those of the methods that play this task, in the order of the table."""
-        return [name for name, entry in METHODS.items() if name in self.methods and task in entry.tasks]
+        return [name for name in METHODS if name in self.methods and obstacle(name, task) is None]
 
     def cells(self, task: str, method: str) -> list[BenchmarkCell]:
         """One for each seed."""
         home = self.out / "cells" / task / method
         return [
-            BenchmarkCell(method, task, seed, home / f"seed-{seed}", self.budget, self.finished) for seed in self.seeds
+            BenchmarkCell(method, task, seed, home / f"seed-{seed}", self.budget, self.finished, self.data)
+            for seed in self.seeds
         ]
 
     def all_cells(self) -> list[BenchmarkCell]:
@@ -75,6 +79,8 @@ def benchmark(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
     Raises `CellError` before anything is learnt where a stored cell is another one than asked for, or where all cells
     would not stand in one table.
     """
+    for sentence in left_out(plan.methods, plan.tasks):
+        console.print(sentence, highlight=False)
     cells = plan.all_cells()
     waiting = cells if force else [cell for cell in cells if not cell.is_measured()]
     made_anew = {cell.name for cell in waiting}
@@ -115,14 +121,5 @@ def write(plan: Plan) -> None:
     write_csv(runs, plan.out / "benchmark.csv")
     with appearing(plan.out / "README.md", overwrite=True) as partial:
         partial.write_text(markdown(runs, plan.command), encoding="utf-8")
-    panels = {}
-    for task, methods in summaries(runs).items():
-        for head, name, _ in COLUMNS[task]:
-            if name not in {"worst_success", "coverage"}:
-                continue
-            bars = [
-                Bar(title(method, found), found[name]["mean"], found[name]["ci95"]) for method, found in methods.items()
-            ]
-            panels[f"{task.capitalize()}: {'worst success' if name == 'worst_success' else head}"] = bars
     caption = "dots: means over seeds, lines: 95 % intervals; open: one seed; †: cannot be asked for a style"
-    save(benchmark_figure(panels, caption=caption), plan.out / "benchmark")
+    save(benchmark_figure(panels(summaries(runs)), caption=caption), plan.out / "benchmark")

@@ -16,9 +16,9 @@ from tvae.baselines.contract import Lesson, Method
 from tvae.experiments.benchmark.measures import measure
 from tvae.experiments.benchmark.methods import METHODS
 from tvae.experiments.benchmark.stored import name_of
+from tvae.experiments.benchmark.task import Task
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError, commit
-from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.run_directory import read_json, write_json
 from tvae.train.diagnosis import TrainingWarning
 
@@ -29,11 +29,17 @@ class Budget:
 
     most_steps: int | None = None
     """Gradient steps beyond which no method goes; None leaves each its own."""
-    episodes: int = 1000
-    """Fresh episodes of each bot."""
+    episodes: int | None = None
+    """Fresh episodes of each bot; None leaves each task its own number."""
+    part: int = 1
+    """Of its own number, one in so many."""
+
+    def episodes_in(self, task: Task) -> int:
+        """Fresh episodes of each bot in this task."""
+        return max(1, task.episodes // self.part) if self.episodes is None else self.episodes
 
 
-QUICK = Budget(most_steps=30, episodes=50)
+QUICK = Budget(most_steps=30, part=20)
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,8 @@ class BenchmarkCell:
     budget: Budget
     finished: Path
     """Where finished cells of `tvae reproduce` lie."""
+    data: Path = Path("data")
+    """The folder of the recordings of people."""
 
     @property
     def name(self) -> str:
@@ -68,7 +76,8 @@ class BenchmarkCell:
             "method": self.method,
             "task": self.task,
             "seed": self.seed,
-            **asdict(self.budget),
+            "most_steps": self.budget.most_steps,
+            "episodes": self.budget.episodes_in(TASKS[self.task]),
             "config": hyperparameters(self._made()),
         }
         found: dict[str, Any] = json.loads(json.dumps(asked))
@@ -95,15 +104,15 @@ class BenchmarkCell:
     def run(self) -> None:
         """Learn and measure; `CellError`, which names the cell, for whatever goes wrong."""
         try:
-            study, task = STUDIES[self.task], TASKS[self.task]
-            lesson = Lesson(study.demonstrations(self.seed), task.world, self.seed, self.budget.most_steps)
+            task = TASKS[self.task]
+            lesson = Lesson(task.demonstrations(self.data, self.seed), task.world, self.seed, self.budget.most_steps)
             code, began = commit(), time.process_time()
             with warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always", TrainingWarning)
                 bots = self._made().learn(lesson)
             spent = {"train_seconds": time.process_time() - began, "env_steps": lesson.steps.count}
-            test = study.test_demonstrations()
-            found = measure(bots, task, test, episodes=self.budget.episodes, seed=self.seed)
+            test = task.test(self.data, self.seed)
+            found = measure(bots, task, test, episodes=self.budget.episodes_in(task), seed=self.seed)
             made = {
                 "warnings": [str(warning.message) for warning in warned],
                 "commit": code,

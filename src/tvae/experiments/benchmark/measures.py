@@ -18,6 +18,9 @@ Bots that are *asked* for a style: `success.STYLE` is the share of their episode
 these are the shares of its episodes at will: of K styles, they add up to 1 at most. `asked` says which it was, 1 or 0.
 The task's further numbers are of the episodes that were asked for a style, or else of those at will that show it; where
 there is none, there is no number. `worst_...` is over styles, and only there where each of them has a number.
+
+Where styles have no names there is of all this only success at will, the task's further numbers of episodes at will
+(`at_will.NAME`), the fit and the time of an action; people who are measured in their recordings take no time.
 """
 
 from __future__ import annotations
@@ -26,22 +29,29 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from tvae.baselines.contract import Bots
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.paths import earth_mover
 from tvae.evaluate.statistics import EpisodeStatistics
-from tvae.experiments.benchmark.tasks import Task
+from tvae.experiments.benchmark.people import Recorded
+from tvae.experiments.benchmark.task import Task
 from tvae.experiments.reproduction.subject import WORLDS
 from tvae.rollouts import Policy, rollout
-from tvae.spaces import FloatArray
+from tvae.spaces import FloatArray, IntArray
 
 _MOST_COPIES = 1000
 _RECOVERED = 1 / 20
 _TIMED, _WARMING = 200, 20
-_WORST = {"success": min, "controllability": min, "radial_error": max, "turn_completed": min, "end_distance": max}
+_WORST = {
+    "success": min,
+    "controllability": min,
+    "radial_error": max,
+    "turn_completed": min,
+    "end_distance": max,
+    "soups": min,
+}
 
 
 def measure(bots: Bots, task: Task, test: Demonstrations, *, episodes: int, seed: int) -> dict[str, Any]:
@@ -49,6 +59,17 @@ def measure(bots: Bots, task: Task, test: Demonstrations, *, episodes: int, seed
     will = play(bots.at_will, task, episodes, seed)
     shown = task.shown(will)
     own = task.succeeded(will)[np.arange(len(will)), shown]
+    return {
+        **(_asked(bots, task, will, episodes, seed) if task.labels else {}),
+        "at_will": {"success": float(own.mean()), **task.overall(will)},
+        **(_variety(task, shown, shown[own], task.shown(test)) if task.labels else {}),
+        "trajectory_fit": trajectory_fit(task.as_demonstrated(will, test), test),
+        **({} if isinstance(bots.at_will, Recorded) else {"ms_per_action": milliseconds(bots.at_will, test)}),
+    }
+
+
+def _asked(bots: Bots, task: Task, will: Demonstrations, episodes: int, seed: int) -> dict[str, Any]:
+    """What comes of asking for each style; `will` are the episodes of whom one cannot ask."""
     found: dict[str, Any] = {"asked": int(bool(bots.by_style))}
     for index, label in enumerate(task.labels):
         asked = play(bots.by_style[label], task, episodes, seed) if bots.by_style else will
@@ -61,19 +82,20 @@ def measure(bots: Bots, task: Task, test: Demonstrations, *, episodes: int, seed
     for name, worst in _WORST.items():
         if set(found.get(name, ())) == set(task.labels):
             found[f"worst_{name}"] = worst(found[name].values())
+    return found
+
+
+def _variety(task: Task, shown: IntArray, succeeded_in: IntArray, demonstrated: IntArray) -> dict[str, Any]:
+    """How styles are spread: those shown in episodes at will, those of them that succeeded, those held out."""
     count = len(task.labels)
-    frequency = np.bincount(shown, minlength=count) / len(will)
-    wanted = np.bincount(task.shown(test), minlength=count) / len(test)
-    successes = np.bincount(shown[own], minlength=count)
+    frequency = np.bincount(shown, minlength=count) / len(shown)
+    wanted = np.bincount(demonstrated, minlength=count) / len(demonstrated)
+    successes = np.bincount(succeeded_in, minlength=count)
     return {
-        **found,
-        "at_will": {"success": float(own.mean())},
         "frequency": dict(zip(task.labels, frequency.tolist(), strict=True)),
         "calibration": float(0.5 * np.abs(frequency - wanted).sum()),
         "coverage": entropy(successes.astype(np.float64)),
-        "modes_recovered": int((successes / len(will) >= _RECOVERED).sum()),
-        "trajectory_fit": trajectory_fit(task.as_demonstrated(will), test),
-        "ms_per_action": milliseconds(bots.at_will, test),
+        "modes_recovered": int((successes / len(shown) >= _RECOVERED).sum()),
     }
 
 
@@ -82,8 +104,10 @@ def _put(found: dict[str, Any], name: str, label: str, value: float) -> None:
 
 
 def play(policy: Policy, task: Task, episodes: int, seed: int) -> Demonstrations:
-    """Fresh episodes of a policy, in the worlds of this seed."""
-    envs = gymnasium.make_vec(task.env, num_envs=min(_MOST_COPIES, episodes))
+    """Fresh episodes of a policy, in the worlds of this seed; of people, their recordings."""
+    if isinstance(policy, Recorded):
+        return policy.episodes
+    envs = task.envs(min(_MOST_COPIES, episodes))
     try:
         return rollout(envs, policy, episodes, seed=WORLDS + seed)
     finally:

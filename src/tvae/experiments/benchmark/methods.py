@@ -24,6 +24,7 @@ from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.baselines.trivial import Walking, WalkingAttacking
 from tvae.errors import TvaeError
 from tvae.experiments.benchmark.ours import Ours
+from tvae.experiments.benchmark.people import People
 from tvae.experiments.benchmark.tasks import TASKS
 
 
@@ -94,6 +95,7 @@ def _state_vae_gail(task: str, cells: Path) -> Method:
 
 METHODS: Mapping[str, Entry] = {
     "demonstrators": Entry("Scripted demonstrators", _always(Demonstrators()), (Need.DEMONSTRATORS,)),
+    "people": Entry("The people themselves", lambda task, cells: People(task), tasks=("pusht", "overcooked")),
     "walk": Entry("Straight walk", _always(Walking()), tasks=("zombie",)),
     "walk_attacking": Entry("Straight walk, attacks in range", _always(WalkingAttacking()), tasks=("zombie",)),
     "cloning_mlp": Entry("Behavioural cloning, MLP", _always(CloningMLP())),
@@ -121,5 +123,5 @@ METHODS: Mapping[str, Entry] = {
     "dagger": Entry(
         "DAgger given the true label", _coded(DAgger()), (Need.LABELS, Need.ENVIRONMENT, Need.DEMONSTRATORS)
     ),
-    "ours": Entry("T-VAE (ours)", Ours.of),
+    "ours": Entry("T-VAE (ours)", lambda task, cells: Ours(task, TASKS[task].config, cells)),
 }

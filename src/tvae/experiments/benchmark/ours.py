@@ -1,13 +1,15 @@
-"""T-VAE, ours, with the configuration of the task's reproduction: styles found without labels, a bot for each.
+"""T-VAE, ours, with the configuration of the task's reproduction or demo: styles found without labels, a bot for each.
 
 Source: "Trajectory VAE for multi-modal imitation" (ICLR 2019 submission), as `docs/paper.md` reads it. Labels name the
-styles that were found and teach nothing. At will, each episode's style is drawn by the styles' weights. A finished cell
-of `tvae reproduce` with the very same configuration is read instead of trained again.
+styles that were found and teach nothing; styles that bear the same label are one bot. At will, each episode's style is
+drawn by the styles' weights. A finished cell of `tvae reproduce` with the very same configuration is read instead of
+trained again.
 """
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +19,10 @@ import numpy as np
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import num_parameters
 from tvae.config import RunConfig
+from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import encode
-from tvae.evaluate.playstyles import find_playstyles
-from tvae.evaluate.styles import Playstyles
+from tvae.evaluate.playstyles import find_playstyles, match
+from tvae.evaluate.styles import Playstyles, Style
 from tvae.experiments.analysis import names_of
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import trained
@@ -27,6 +30,7 @@ from tvae.experiments.reproduction.cells import Cell, CellError, Effort
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
 from tvae.generate.closed_loop import LatentPolicy
+from tvae.model.decoding import LatentSource
 from tvae.spaces import FloatArray
 from tvae.train.loop import Observer
 
@@ -40,35 +44,31 @@ class Ours:
     cells: Path
     """Where finished cells of `tvae reproduce` lie, if there are any; not a hyperparameter."""
 
-    @classmethod
-    def of(cls, task: str, cells: Path) -> Ours:
-        """With the task's own configuration."""
-        return cls(task, STUDIES[task].presets["default"], cells)
-
     def learn(self, lesson: Lesson) -> Bots:
-        """A bot of each label: of the found style that bears it, or of any style where none was found for it."""
+        """A bot of each label: of the found styles that bear it, or of any style where none was found for it."""
         read = None if lesson.most_steps is not None else self._finished(lesson.seed)
         subject, steps = self._trained(lesson) if read is None else (read.subject(), None)
-        named = [label for label in lesson.labels if subject.is_found(label)]
+        bearing = styles_by_label(subject.playstyles, subject.demonstrations) if lesson.labels else {}
         facts: dict[str, Any] = {
             "num_parameters": num_parameters(subject.model),
             "styles_found": len(subject.playstyles),
-            "labels_found": len(named),
+            "labels_found": len(bearing),
             **({} if steps is None else {"gradient_steps": steps}),
         }
         if read is not None:
             numbers = read.read()
             facts |= {name: numbers[name] for name in ("train_seconds", "trained_at_commit") if name in numbers}
             facts["from_reproduction"] = True
-        anyhow = AnyStyle(subject.playstyles)
-        latents = {label: subject.latents(label) if label in named else anyhow for label in lesson.labels}
+        every = subject.playstyles.styles
         return Bots(
-            LatentPolicy(subject.model, anyhow),
-            {label: LatentPolicy(subject.model, latent) for label, latent in latents.items()},
+            LatentPolicy(subject.model, AnyStyle(every)),
+            {label: LatentPolicy(subject.model, one_of(bearing.get(label, every))) for label in lesson.labels},
             facts,
         )
 
     def _finished(self, seed: int) -> Cell | None:
+        if self.task not in STUDIES:
+            return None
         directory = self.cells / self.task / "default" / f"seed-{seed}"
         cell = Cell(self.task, "default", seed, directory, Effort())
         try:
@@ -91,17 +91,33 @@ class Ours:
         return subject, records[-1].step
 
 
+def styles_by_label(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[str, list[Style]]:
+    """For each label the found styles in which more than half of the demonstrations carry it, if there are any."""
+    labels = demonstrations.attribute("label").astype(str)
+    most = match(playstyles.assignment, labels)
+    found: dict[str, list[Style]] = {}
+    for style in playstyles.styles:
+        label = most[style.index]
+        if (labels[playstyles.assignment == style.index] == label).mean() > 0.5:
+            found.setdefault(label, []).append(style)
+    return found
+
+
+def one_of(styles: Sequence[Style]) -> LatentSource:
+    """The only one of these styles, or any of several."""
+    return styles[0] if len(styles) == 1 else AnyStyle(styles)
+
+
 @dataclass(frozen=True, eq=False)
 class AnyStyle:
-    """z of a style that is drawn by the styles' weights, for each episode."""
+    """z of one of these styles, drawn by their weights for each episode."""
 
-    playstyles: Playstyles
+    styles: Sequence[Style]
 
     def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
         """(count, Z)"""
-        styles = self.playstyles.styles
-        weights = np.array([style.weight for style in styles])
-        which = rng.choice(len(styles), count, p=weights / weights.sum())
-        drawn = np.stack([style.sample(count, rng) for style in styles])
+        weights = np.array([style.weight for style in self.styles])
+        which = rng.choice(len(self.styles), count, p=weights / weights.sum())
+        drawn = np.stack([style.sample(count, rng) for style in self.styles])
         z: FloatArray = drawn[which, np.arange(count)]
         return z

@@ -34,8 +34,8 @@ def asked_of(runs: Runs) -> list[Mapping[str, Any]]:
 def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
     """`CellError` where what was asked of these cells cannot stand in one table.
 
-    All must be measured over as many episodes and learnt within the same most steps; those of a method and a task must
-    have the same hyperparameters.
+    All must be learnt within the same most steps, those of a task measured over as many episodes, and those of a method
+    and a task must have the same hyperparameters.
 
     >>> cell = {"method": "flow", "task": "zombie", "most_steps": None, "episodes": 50}
     >>> old, new = {**cell, "seed": 0, "config": {"num_taken": 4}}, {**cell, "seed": 1, "config": {"num_taken": 2}}
@@ -47,8 +47,12 @@ def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
     """
     firsts: dict[tuple[str, ...], Mapping[str, Any]] = {}
     for cell in cells:
-        budget = {name: cell[name] for name in ("most_steps", "episodes")}
-        for kind, made_with in (((), budget), ((cell["task"], cell["method"]), cell["config"])):
+        kinds = (
+            ((), {"most_steps": cell["most_steps"]}),
+            ((cell["task"],), {"episodes": cell["episodes"]}),
+            ((cell["task"], cell["method"]), cell["config"]),
+        )
+        for kind, made_with in kinds:
             first = firsts.setdefault(kind, {"cell": cell, "made_with": made_with})
             before = first["made_with"]
             for name in sorted({*before, *made_with}):

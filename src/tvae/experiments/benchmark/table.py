@@ -11,16 +11,32 @@ from tvae.evaluate.over_seeds import over_seeds
 from tvae.experiments.benchmark.measures import flat
 from tvae.experiments.benchmark.methods import METHODS, Entry
 from tvae.experiments.benchmark.stored import Runs
+from tvae.figures.benchmark import Bar
 from tvae.files import appearing
 
-_EVERYWHERE = (
-    ("controllability", "worst_controllability", 2),
-    ("coverage", "coverage", 2),
-    ("calibration", "calibration", 3),
+TITLES = {
+    "navigation": "Navigation",
+    "circle": "Circle",
+    "zombie": "Zombie",
+    "pusht": "PushT, people",
+    "overcooked": "Overcooked, people",
+}
+NOTES = {
+    "pusht": " Styles have no names here. The people: their recordings, replayed.",
+    "overcooked": " A game is 400 steps, and so are soups counted. The people: their recordings of 200 steps.",
+}
+"""What a reader must know beside."""
+_WITHOUT_STYLES = (
     ("fit", "trajectory_fit", 2),
     ("env steps", "env_steps", 0),
     ("training, s", "train_seconds", 0),
     ("ms per action", "ms_per_action", 2),
+)
+_EVERYWHERE = (
+    ("controllability", "worst_controllability", 2),
+    ("coverage", "coverage", 2),
+    ("calibration", "calibration", 3),
+    *_WITHOUT_STYLES,
 )
 COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
     "navigation": (
@@ -43,8 +59,25 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
         ("at will", "at_will.success", 3),
         *_EVERYWHERE,
     ),
+    "pusht": (
+        ("success", "at_will.success", 3),
+        ("block on its goal, best", "at_will.best_coverage", 2),
+        ("at the end", "at_will.final_coverage", 2),
+        *_WITHOUT_STYLES,
+    ),
+    "overcooked": (
+        ("as asked, clockwise", "success.clockwise", 2),
+        ("none", "success.none", 2),
+        ("counter-clockwise", "success.counter-clockwise", 2),
+        ("worst", "worst_success", 2),
+        ("soups, worst", "worst_soups", 1),
+        ("soups, at will", "at_will.soups", 1),
+        *_EVERYWHERE,
+    ),
 }
 """Head, number and decimals of each column."""
+_SHOWN = ("worst_success", "coverage", "at_will.best_coverage")
+"""The numbers that the figure shows, as far as a task's table has them."""
 _COSTS = {"env_steps", "train_seconds", "ms_per_action"}
 """Told by their means alone."""
 _HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit"}
@@ -78,14 +111,14 @@ def markdown(runs: Runs, command: str) -> str:
     """A table for each task, a row for each method."""
     found = summaries(runs)
     cells = [run for methods in runs.values() for seeds in methods.values() for run in seeds]
-    budget = cells[0]["cell"]
-    limit = "" if budget["most_steps"] is None else f" **At most {budget['most_steps']} gradient steps: a trial only.**"
+    most = cells[0]["cell"]["most_steps"]
+    limit = "" if most is None else f" **At most {most} gradient steps: a trial only.**"
     lines = [
         "# Benchmark",
         "",
         "Means with 95 % intervals (Student's t) over the seeds that a row names; none where there is one seed, or",
         "where all show the same digits, and none of steps and times.",
-        f"{budget['episodes']:,} fresh episodes of each bot, the same demonstrations and worlds for all.{limit}",
+        f"The same demonstrations and worlds for all.{limit}",
         "`docs/benchmark.md` says what each number means. Last added to by:",
         "",
         "```",
@@ -97,7 +130,9 @@ def markdown(runs: Runs, command: str) -> str:
     ]
     for task, methods in found.items():
         heads = " | ".join(head for head, _, _ in COLUMNS[task])
-        lines += ["", f"## {task.capitalize()}", "", f"| method | learns from | seeds | {heads} |"]
+        episodes = next(iter(runs[task].values()))[0]["cell"]["episodes"]
+        lines += ["", f"## {TITLES[task]}", "", f"{episodes:,} fresh episodes of each bot.{NOTES.get(task, '')}"]
+        lines += ["", f"| method | learns from | seeds | {heads} |"]
         lines.append(f"|---|---|---{'|---' * len(COLUMNS[task])}|")
         for method, summary in methods.items():
             seeds = ", ".join(str(run["cell"]["seed"]) for run in runs[task][method])
@@ -107,8 +142,23 @@ def markdown(runs: Runs, command: str) -> str:
 
 
 def title(method: str, summary: Mapping[str, Any]) -> str:
-    """A method's name, with a mark where it cannot be asked for a style."""
-    return f"{METHODS[method].title}{'' if summary['asked']['mean'] else ' †'}"
+    """A method's name, with a mark where it cannot be asked for a style though there are styles with names."""
+    asked = summary.get("asked")
+    return f"{METHODS[method].title}{'' if asked is None or asked['mean'] else ' †'}"
+
+
+def panels(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, list[Bar]]:
+    """What the figure shows of summaries: a panel for each task and number, a bar for each method that has it."""
+    return {
+        f"{TITLES[task]}: {'worst success' if name == 'worst_success' else head}": [
+            Bar(title(method, numbers), numbers[name]["mean"], numbers[name]["ci95"])
+            for method, numbers in methods.items()
+            if name in numbers
+        ]
+        for task, methods in found.items()
+        for head, name, _ in COLUMNS[task]
+        if name in _SHOWN
+    }
 
 
 def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:

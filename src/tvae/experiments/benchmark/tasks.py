@@ -1,4 +1,6 @@
-"""The paper's three tasks as a benchmark sees them: who demonstrates, which style an episode shows, what success is.
+"""The tasks: who demonstrates, which style an episode shows, what success is.
+
+The paper's three are here, the two with real people in `tvae.experiments.benchmark.human`.
 
 The style that an episode shows is a fact about what was done in it, and no model is asked:
 
@@ -12,8 +14,8 @@ The style that an episode shows is a fact about what was done in it, and no mode
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +35,10 @@ from tvae.envs.circle import (
 from tvae.envs.navigation import GOAL_BEARINGS, NavigationExpert, NavigationVectorEnv, jittered
 from tvae.envs.plane import length
 from tvae.experiments.arenas import column_per_episode
+from tvae.experiments.benchmark.human import OVERCOOKED, PUSHT
+from tvae.experiments.benchmark.task import Task
 from tvae.experiments.reproduction.navigation import GOALS, REACHED
+from tvae.experiments.reproduction.studies import STUDIES
 from tvae.rollouts import Policy
 from tvae.spaces import FloatArray, IntArray
 
@@ -41,21 +46,14 @@ _OFF = 0.1
 _TURN = 0.95
 
 
-@dataclass(frozen=True)
-class Task:
-    """A task of the benchmark; its demonstrations are those of the reproduction's study of the same name."""
-
-    env: str
-    labels: tuple[str, ...]
-    world: World
-    shown: Callable[[Demonstrations], IntArray]
-    """(E,) which label's style each episode shows."""
-    succeeded: Callable[[Demonstrations], NDArray[np.bool_]]
-    """(E, K) whether each episode succeeds in the style of each label."""
-    numbers: Callable[[Demonstrations, str], Mapping[str, float]]
-    """Further numbers about episodes as those of a label."""
-    as_demonstrated: Callable[[Demonstrations], Demonstrations] = lambda episodes: episodes
-    """Episodes cut to where demonstrators would have ended."""
+def _of_the_paper(study: str, **facts: Any) -> Task:
+    """A task whose demonstrations and configuration are those of the reproduction's study."""
+    return Task(
+        demonstrations=lambda data, seed: STUDIES[study].demonstrations(seed),
+        test=lambda data, seed: STUDIES[study].test_demonstrations(),
+        config=STUDIES[study].presets["default"],
+        **facts,
+    )
 
 
 class _OwnGoals:
@@ -123,7 +121,7 @@ def _circle_numbers(episodes: Demonstrations, label: str) -> dict[str, float]:
     return {"radial_error": float(off.mean()), "turn_completed": float(turns.mean())}
 
 
-def _once_around(episodes: Demonstrations) -> Demonstrations:
+def _once_around(episodes: Demonstrations, test: Demonstrations) -> Demonstrations:
     """Each episode up to where the demonstrator of the circle that it shows would have ended."""
     steps = np.array([circle_steps(radius) for radius in RADII.values()])[_nearest_circle(episodes)]
 
@@ -153,10 +151,11 @@ def _zombie_success(episodes: Demonstrations) -> NDArray[np.bool_]:
 
 
 TASKS: Mapping[str, Task] = {
-    "navigation": Task(
-        "tvae/Navigation-v0",
-        tuple(GOAL_BEARINGS),
-        World(
+    "navigation": _of_the_paper(
+        "navigation",
+        env="tvae/Navigation-v0",
+        labels=tuple(GOAL_BEARINGS),
+        world=World(
             NavigationVectorEnv,
             {label: partial(_OwnGoals, towards) for label, towards in GOAL_BEARINGS.items()},
             _navigation_lessons,
@@ -165,10 +164,11 @@ TASKS: Mapping[str, Task] = {
         succeeded=lambda episodes: _from_goals(episodes) <= REACHED,
         numbers=_navigation_numbers,
     ),
-    "circle": Task(
-        "tvae/Circle-v0",
-        tuple(RADII),
-        World(
+    "circle": _of_the_paper(
+        "circle",
+        env="tvae/Circle-v0",
+        labels=tuple(RADII),
+        world=World(
             CircleVectorEnv,
             {label: partial(CircleExpert, radius) for label, radius in RADII.items()},
             _circle_lessons,
@@ -178,10 +178,11 @@ TASKS: Mapping[str, Task] = {
         numbers=_circle_numbers,
         as_demonstrated=_once_around,
     ),
-    "zombie": Task(
-        "tvae/ZombieAttack-v0",
-        ("attack", "avoid"),
-        World(
+    "zombie": _of_the_paper(
+        "zombie",
+        env="tvae/ZombieAttack-v0",
+        labels=("attack", "avoid"),
+        world=World(
             zombie.ZombieAttackVectorEnv,
             {"attack": zombie.AttackExpert, "avoid": zombie.AvoidExpert},
             _zombie_lessons,
@@ -190,4 +191,8 @@ TASKS: Mapping[str, Task] = {
         succeeded=_zombie_success,
         numbers=lambda episodes, label: {"attacks_per_episode": float(_attacks(episodes).mean())},
     ),
+    "pusht": PUSHT,
+    "overcooked": OVERCOOKED,
 }
+PAPER = ("navigation", "circle", "zombie")
+"""The paper's own."""
