@@ -69,6 +69,9 @@ def test_names_in_quotes_may_hold_any_character(tmp_path: Path) -> None:
     text = PLAIN.replace("observation.x", '"observation.x; y\t(m)"').replace("episode", '"episode"')
     (tmp_path / "a.csv").write_text("\ufeff" + text, encoding="utf-8")
     assert read_table(tmp_path / "a.csv").observation_space.names == ("x; y\t(m)",)
+    text = PLAIN.replace("observation.x", '"observation.;\n""x"""')
+    (tmp_path / "a.csv").write_text(text)
+    assert read_table(tmp_path / "a.csv").observation_space.names == (';\n"x"',)
 
 
 def test_a_separator_that_could_be_another_is_asked_for(tmp_path: Path) -> None:
@@ -107,6 +110,25 @@ def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
         load_demonstrations(path, preparation=Preparation(csv=CsvFormat(",", ",")))
     kept = load_demonstrations(path, preparation=Preparation(csv=CsvFormat(decimal=",")))
     assert kept.actions[:, 0].tolist() == [3.7, 3.8]
+
+
+def test_decimal_commas_that_were_not_named_are_suspected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.csv"
+    for count in (5, 30):
+        rows = [f'0,{step},"{step},5",go\n' for step in range(count)]
+        path.write_text("".join(["episode,step,observation.x,action.key\n", *rows]))
+        if count == 5:
+            call("data", "validate", path)
+            said = "column observation.x: is a category, but has values such as '0,5': are they numbers with a decimal"
+        else:
+            with pytest.raises(SystemExit):
+                call("data", "validate", path)
+            said = "column observation.x: holds 30 different texts, such as '0,5': are they numbers with a decimal"
+        shown = " ".join(capsys.readouterr().out.split())
+        assert said in shown
+        assert "--decimal , reads them as numbers, of CSV files; or --categorical observation.x" in shown
+        call("data", "validate", path, "--decimal", ",")
+        assert "is sound" in capsys.readouterr().out
 
 
 def test_text_among_numbers_with_commas(tmp_path: Path) -> None:

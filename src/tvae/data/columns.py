@@ -22,7 +22,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from tvae.data.issues import Remedy
-from tvae.data.texts import no_numbers
+from tvae.data.texts import first_with_mark, no_numbers
 from tvae.data.trajectory import DataError
 from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal
 
@@ -115,6 +115,10 @@ def _suggested_kind(values: pa.ChunkedArray) -> type[Signal]:
             "say whether it is continuous, angular or categorical",
             Remedy.SAY_KIND,
         )
+    with_comma = first_with_mark(values, ",")
+    if with_comma is not None:
+        message = f"holds {count} different texts, such as {with_comma!r}: are they numbers with a decimal comma?"
+        raise KindError(message, Remedy.SAY_DECIMAL)
     if count > MOST_TEXTS:
         raise KindError(
             f"holds {count} different texts, more than {MOST_TEXTS}: say that it is categorical, or leave it out",

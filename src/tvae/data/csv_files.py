@@ -17,7 +17,9 @@ from tvae.data.trajectory import DataError
 
 SEPARATORS = {",": "comma", ";": "semicolon", "\t": "tab"}
 """What may separate columns without being named."""
-_NAMED = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
+_NAMED = re.compile(r"sep=(.)", re.IGNORECASE)
+_LINE = r'((?:"[^"]*"|[^"\r\n])*)'
+_LINES = re.compile(rf"{_LINE}(?:\r\n?|\n)?{_LINE}")
 _QUOTED = re.compile(r'"[^"]*"')
 _LOOK_BYTES = 1 << 20
 _BLOCK_BYTES = 1 << 26
@@ -102,14 +104,15 @@ def _separator(path: Path, form: CsvFormat) -> tuple[str, int]:
 
 
 def _first_lines(path: Path) -> tuple[str, str]:
-    """The first two lines, without a mark of the byte order; empty where there are none."""
+    """The first two lines, without a mark of the byte order; empty where there are none. In quotes no line ends."""
     try:
         with pa.input_stream(path) as stream:
             start = stream.read(_LOOK_BYTES)
     except (pa.ArrowException, OSError, zlib.error) as error:
         raise DataError(f"{path}: no whole CSV file: {error}") from error
-    lines = [*start.decode("utf-8-sig", errors="replace").splitlines(keepends=True), "", ""]
-    return lines[0], lines[1]
+    found = _LINES.match(start.decode("utf-8-sig", errors="replace"))
+    assert found is not None  # both may be empty
+    return found[1], found[2]
 
 
 def _first(table: pa.Table, mark: str) -> tuple[str, str] | None:

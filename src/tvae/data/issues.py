@@ -17,6 +17,8 @@ class Remedy(Enum):
     """Whether the column is a number, an angle or a category."""
     SAY_DEGREES = auto()
     """That the column is an angle in degrees."""
+    SAY_DECIMAL = auto()
+    """That decimals are marked by a comma."""
     SAY_CATEGORY_OR_IGNORE = auto()
     SAY_TEXT_IS_MISSING = auto()
     """Which texts stand for a missing value, or that the column is a category."""

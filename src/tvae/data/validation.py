@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
 
 from tvae.data.columns import kinds_by_column
 from tvae.data.demonstrations import Demonstrations
@@ -18,6 +19,7 @@ from tvae.data.sources import load_demonstrations, open_any_table
 from tvae.data.table_rows import Examined, examine
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.tables import DataSource
+from tvae.data.texts import first_with_mark
 from tvae.data.trajectory import Attribute, DataError
 from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe, kind_name
 
@@ -171,8 +173,13 @@ class Summary:
 
 
 def suspicions(summary: Summary) -> Iterator[Issue]:
-    """Angles beyond two full turns, which are seldom recorded in radians: |x| > 2 pi."""
+    """Angles beyond a full turn, which are seldom recorded in radians, |x| > 2 pi, and categories such as `0,5`."""
     for signal in summary.signals:
+        names = pa.chunked_array([[name for name, _ in signal.frequencies]], pa.string())
+        with_comma = first_with_mark(names, ",")
+        if with_comma is not None:
+            message = f"is a category, but has values such as {with_comma!r}: are they numbers with a decimal comma?"
+            yield Issue(message, column=signal.column, remedy=Remedy.SAY_DECIMAL)
         if signal.kind != kind_name(Angular(signal.column)) or signal.minimum is None or signal.maximum is None:
             continue
         if max(-signal.minimum, signal.maximum) > _FULL_TURN:
