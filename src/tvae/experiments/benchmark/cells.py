@@ -15,7 +15,7 @@ import tvae
 from tvae.baselines.contract import Lesson, Method
 from tvae.experiments.benchmark.measures import measure
 from tvae.experiments.benchmark.methods import METHODS
-from tvae.experiments.benchmark.stored import name_of
+from tvae.experiments.benchmark.stored import as_now, name_of
 from tvae.experiments.benchmark.task import Task
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError, commit
@@ -87,7 +87,7 @@ class BenchmarkCell:
         """Whether its numbers are there; `CellError` where they are of another cell than this."""
         if not self.numbers.exists():
             return False
-        there, asked = self.read()["cell"], self.asked
+        there, asked = as_now(self.read()["cell"]), self.asked
         if there != asked:
             differing = sorted(name for name in {*there, *asked} if there.get(name) != asked.get(name))
             raise CellError(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from tvae.config import RunConfig
 from tvae.experiments.benchmark.methods import METHODS
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError
@@ -31,6 +33,24 @@ def asked_of(runs: Runs) -> list[Mapping[str, Any]]:
     return [cell["cell"] for methods in runs.values() for seeds in methods.values() for cell in seeds]
 
 
+def as_now(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """What was asked of a cell, where a setting of ours that was not there yet has its default.
+
+    >>> cell = {"method": "ours", "config": {"task": "zombie", "config": RunConfig().to_json()}}
+    >>> del cell["config"]["config"]["policy"]
+    >>> as_now(cell)["config"]["config"]["policy"]["num_steps"]
+    0
+    """
+    ours = asked["config"].get("config")
+    if ours is None:
+        return dict(asked)
+    try:
+        config = json.loads(json.dumps(RunConfig.from_json(ours).to_json()))
+    except (KeyError, TypeError, ValueError):
+        return dict(asked)
+    return {**asked, "config": {**asked["config"], "config": config}}
+
+
 def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
     """`CellError` where what was asked of these cells cannot stand in one table.
 
@@ -46,7 +66,7 @@ def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
     cells that cannot stand in one table: num_taken is 4 in zombie, flow, seed 0, but 2 in zombie, flow, seed 1
     """
     firsts: dict[tuple[str, ...], Mapping[str, Any]] = {}
-    for cell in cells:
+    for cell in map(as_now, cells):
         kinds = (
             ((), {"most_steps": cell["most_steps"]}),
             ((cell["task"],), {"episodes": cell["episodes"]}),
