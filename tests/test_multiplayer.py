@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -303,3 +304,23 @@ def test_bots_of_a_style_play_together(games: None, tmp_path: Path, capsys: pyte
     said = refused(capsys, "fit", path, "--out", tmp_path / "other", "--env", "games:Hunt")
     assert "Model: side. Player 'hunter': 0." in said
     assert not (tmp_path / "other").exists()
+
+
+def test_a_run_that_is_given_does_not_say_what_code_runs(
+    games: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, run, path = model_of("ann", Dance()), tmp_path / "run", tmp_path / "dances.parquet"
+    recorded = noise([4] * 12, observation_space=model.observation_space, action_space=model.action_space)
+    save_demonstrations(recorded, path)
+    options = ("--training.num-steps", "2", "--training.evaluate-every", "1", "--episodes", "3")
+    call("fit", path, "--out", run, "--env", "games:dance_v1", *options)
+    said = json.loads((run / "config.json").read_text())
+    said["run"]["arena"]["env"] = "os:system"
+    said["run"]["arena"]["options"] = {"command": f"touch {tmp_path / 'harm'}"}
+    (run / "config.json").write_text(json.dumps(said))
+    capsys.readouterr()
+    commands = ("rollout", run, "--out", tmp_path / "a.parquet"), ("evaluate", run), ("fit", "--resume", "--out", run)
+    for command in commands:
+        words = " ".join(refused(capsys, *command).split())
+        assert "environment os:system is code of its own; say that it may run: --env os:system" in words
+    assert not (tmp_path / "harm").exists()

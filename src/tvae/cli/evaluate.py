@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from tvae.cli.options import CONSOLE, Device, Run, Seed
-from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import try_bots
 from tvae.experiments.evaluation import compare_without_latent
 from tvae.experiments.tables import metrics_table
@@ -32,9 +33,9 @@ def evaluate(
         Samples of z in the importance-weighted bound.
     """
     opened = open_run(run, device)
+    arena = None if opened.about.arena is None and env is None else opened.arena(env)
     compare_without_latent(opened, num_samples=samples, device=device, console=CONSOLE)
-    arena = opened.about.arena if env is None else Arena(env)
     if arena is not None:
-        arena = Arena(arena.env, arena.options, episodes)
+        arena = replace(arena, episodes=episodes)
         try_bots(opened.directory, opened.model, opened.findings, arena, seed=seed, console=CONSOLE)
     CONSOLE.print(metrics_table(opened.directory))

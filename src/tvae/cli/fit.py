@@ -48,7 +48,7 @@ def fit(
     """
     trackers = tracking.trackers()
     if resume:
-        begun = resumed_run(out)
+        begun = resumed_run(out, env)
     elif data is None:
         raise TvaeError("tvae fit needs a data set, or --resume to go on with the run in --out")
     else:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, choice_of
 from tvae.data.sources import save_demonstrations
-from tvae.experiments.arenas import Arena
 from tvae.experiments.using import act, open_run
 
 
@@ -46,7 +45,7 @@ def rollout(
         T > 0: draw from p^(1/T) instead of p. Below 1 nearer to the most likely and less varied, 1 as learnt.
     """
     opened = open_run(run, device)
-    arena = opened.arena if env is None else Arena(env)
+    arena = opened.arena(env)
     if episodes is not None:
         arena = replace(arena, episodes=episodes)
     choice = choice_of(most_likely=most_likely, temperature=temperature)

@@ -37,6 +37,27 @@ def is_parallel(env: str) -> bool:
     return _PATH.fullmatch(env) is not None
 
 
+def named_again(stored: Arena, env: str | None) -> Arena:
+    """The environment that a run directory names, where that is no import path or `env` says the same.
+
+    What lies at an import path is called, and a run directory may come from anyone: what it says must not decide what
+    code runs. `TvaeError` otherwise.
+
+    >>> named_again(Arena("CartPole-v1"), None).env
+    'CartPole-v1'
+    >>> try:
+    ...     named_again(Arena("my_game:Arena"), None)
+    ... except TvaeError as error:
+    ...     print(error)
+    the run's environment my_game:Arena is code of its own; say that it may run: --env my_game:Arena
+    """
+    if is_parallel(stored.env) and env != stored.env:
+        raise TvaeError(
+            f"the run's environment {stored.env} is code of its own; say that it may run: --env {stored.env}"
+        )
+    return stored
+
+
 @contextmanager
 def opened(arena: Arena, observation_space: Space, action_space: Space) -> Iterator[Parallel]:
     """The environment, in which each player has these signals; it is closed afterwards.
@@ -44,7 +65,7 @@ def opened(arena: Arena, observation_space: Space, action_space: Space) -> Itera
     Raises `TvaeError` for a path that leads nowhere, `PlayersError` for what is no parallel environment and
     `SpaceMismatchError`, with both sides, where a player has other signals.
     """
-    env = _maker(arena.env)(**arena.options)
+    env = _maker(arena.env)()
     try:
         players = getattr(env, "possible_agents", ())
         check_players(env, dict.fromkeys(players, (observation_space, action_space)))

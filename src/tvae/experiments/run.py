@@ -18,6 +18,7 @@ from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import check_arena, try_bots
 from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
+from tvae.experiments.parallel import named_again
 from tvae.experiments.recipe import Recipe
 from tvae.experiments.remedies import doubts
 from tvae.experiments.reporting import write_report
@@ -67,10 +68,13 @@ def new_recipe_run(out: Path, recipe: Recipe, *, command: Sequence[str], device:
     return Begun(run, demonstrations)
 
 
-def resumed_run(out: Path) -> Begun:
-    """A run that began earlier."""
+def resumed_run(out: Path, env: str | None = None) -> Begun:
+    """A run that began earlier; `TvaeError` where its environment is code of its own and `env` does not name it."""
     run = RunDirectory.existing(out)
-    return Begun(run, about_run(run).source.load())
+    about = about_run(run)
+    if about.arena is not None:
+        named_again(about.arena, env)
+    return Begun(run, about.source.load())
 
 
 def _check(demonstrations: Demonstrations, config: RunConfig, device: str) -> None:

@@ -17,6 +17,7 @@ from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import About, about_run
+from tvae.experiments.parallel import named_again
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
 from tvae.generate.open_loop import imagine
@@ -34,12 +35,13 @@ class FinishedRun:
     model: TrajectoryVAE
     findings: Findings
 
-    @property
-    def arena(self) -> Arena:
-        """Where its bots were tried; `TvaeError` if nowhere."""
+    def arena(self, env: str | None) -> Arena:
+        """The environment `env`; by default where its bots were tried, `TvaeError` if nowhere or by code of its own."""
+        if env is not None:
+            return Arena(env)
         if self.about.arena is None:
             raise TvaeError("the run knows no environment; name one with --env")
-        return self.about.arena
+        return named_again(self.about.arena, env)
 
 
 def open_run(path: Path, device: str) -> FinishedRun:
