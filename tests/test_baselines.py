@@ -23,12 +23,13 @@ from tvae.baselines.from_observation import CloningFromObservation, InverseModel
 from tvae.baselines.indexed import IndexedCloning
 from tvae.baselines.labelled import LabelledCloning
 from tvae.baselines.policies import MovingTrunk, positions
+from tvae.baselines.posteriors import learn_trajectories
 from tvae.baselines.practice import Practice
 from tvae.baselines.sectar import SelfConsistentTrajectories, SelfConsistentVAE
 from tvae.baselines.senses import Senses
 from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.baselines.stretching import Stretched, read_back
-from tvae.data.batches import batch_of
+from tvae.data.batches import TrajectoryBatch, batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
 from tvae.envs.circle import circle_demonstrations
@@ -315,6 +316,20 @@ def test_states_are_foretold_from_the_first_and_z_alone():
     for step in range(6):  # each foretold state is where the next change starts
         state = model.state(features[:, step], state).mode()
         torch.testing.assert_close(law.mode()[:, step], state, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(("warm_up", "weights"), [(0.5, [0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.0, 1.0]), (0.0, [1.0] * 8)])
+def test_the_weight_of_kl_rises_in_training_and_is_1_where_weights_are_judged(warm_up: float, weights: list[float]):
+    network, told = torch.nn.Linear(1, 1), {True: [], False: []}
+
+    def loss(batch: TrajectoryBatch, kl_weight: float) -> torch.Tensor:
+        told[torch.is_grad_enabled()].append(kl_weight)
+        return network.weight.square().sum()
+
+    taught = Lesson(two_styles(20), TASKS["zombie"].world, 0, None)
+    learn_trajectories(network, loss, taught, Descent(8, 1e-3), warm_up=warm_up)
+    assert told[True] == weights
+    assert set(told[False]) == {1.0}
 
 
 def test_small_turns_are_stretched():

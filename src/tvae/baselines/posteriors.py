@@ -21,9 +21,18 @@ _AT_ONCE = 64
 
 
 def learn_trajectories(
-    model: nn.Module, loss: Callable[[TrajectoryBatch], Tensor], lesson: Lesson, descent: Descent
+    model: nn.Module,
+    loss: Callable[[TrajectoryBatch, float], Tensor],
+    lesson: Lesson,
+    descent: Descent,
+    *,
+    warm_up: float,
 ) -> None:
-    """Train on whole trajectories; of the evaluated weights those best on a held-out tenth are kept."""
+    """Train on whole trajectories; of the evaluated weights those best on a held-out tenth are kept.
+
+    `loss` is told the weight of its KL term, which rises from 0 to 1 along a straight line over the share `warm_up` of
+    the steps (Bowman et al. 2016); weights are judged with 1.
+    """
     demonstrations = lesson.demonstrations
     training, judged = held_apart(demonstrations, 0.1, lesson.seed)
     sampler = BucketedSampler(
@@ -31,11 +40,14 @@ def learn_trajectories(
     )
     held_out = demonstrations.select(judged)
     parts = list(ordered_batches(held_out, _AT_ONCE))
+    warm = warm_up * descent.num_steps
     descent.run(
         model,
-        lambda step: loss(batch_of(demonstrations, training[sampler.episodes(step)])),
+        lambda step: loss(
+            batch_of(demonstrations, training[sampler.episodes(step)]), min(1.0, step / warm) if warm else 1.0
+        ),
         seed=lesson.seed,
-        judge=lambda: float(np.mean([float(loss(batch_of(held_out, part))) for part in parts])),
+        judge=lambda: float(np.mean([float(loss(batch_of(held_out, part), 1.0)) for part in parts])),
     )
 
 

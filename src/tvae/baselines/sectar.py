@@ -14,7 +14,8 @@ At will, z is the posterior's mean of a training trajectory drawn for each episo
 trajectories that carry its label. Deviations: there are actions to clone, so that the policy needs no practice to do
 what the state decoder foretells, and there is neither exploration nor planning over z. What is fed back is the LSTM's
 memory rather than the foretold state. The source's states hold speeds; so s_t of the policy is [s_t; d_t] here, d_t the
-last change. The law of an action is a mixture, as with other baselines.
+last change. The law of an action is a mixture, as with other baselines, and the weight of the KL term rises in the
+first half of the training.
 """
 
 from __future__ import annotations
@@ -74,15 +75,15 @@ class SelfConsistentVAE(nn.Module):
         changes = self.state(features, torch.zeros_like(start).expand(-1, num_steps, -1)).mode()
         return self.state(features, start + changes.cumsum(1) - changes)
 
-    def loss(self, batch: TrajectoryBatch) -> Float[Tensor, ""]:
-        """L, in nats per step."""
+    def loss(self, batch: TrajectoryBatch, kl_weight: float) -> Float[Tensor, ""]:
+        """L, in nats per step, with this weight of the KL term."""
         senses, posterior = self.policy.senses, self.posterior(batch)
         z = posterior.rsample()
         actions, _ = self.policy(batch.observations, z)
         states = self.foretold(batch.observations[:, 0], z, batch.actions.shape[1])
         done = (actions.log_prob(senses.actions.values(batch.actions)) * batch.mask).sum()
         came = (states.log_prob(senses.observations.values(batch.next_observations)) * batch.next_known).sum()
-        return (self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
+        return (kl_weight * self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ class SelfConsistentTrajectories:
     num_components: int = 3
     num_steps: int = 3_000
     learning_rate: float = 5e-3
+    warm_up: float = 0.5
+    """Share of the steps over which the weight of the KL term rises from 0 to 1."""
 
     def learn(self, lesson: Lesson) -> Bots:
         """Bots with the posterior means of training trajectories."""
@@ -106,7 +109,7 @@ class SelfConsistentTrajectories:
             )
         model.calibrate(lesson.demonstrations)
         descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
-        learn_trajectories(model, model.loss, lesson, descent)
+        learn_trajectories(model, model.loss, lesson, descent, warm_up=self.warm_up)
         codes = posterior_means(model.posterior, lesson.demonstrations)
         facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(model)}
         return coded_bots(model.policy, codes, lesson, facts)

@@ -7,7 +7,8 @@ without the adversarial one: q(z | s_1:T) by a bidirectional LSTM, pi(a_t | s_t,
 
 At will, z is the posterior's mean of a training trajectory drawn for each episode; a style is asked for by the
 trajectories that carry its label. The source's states hold speeds; so s_t is [s_t; d_t] here, d_t the last change.
-Deviation: a mixture as the next state's law instead of a WaveNet over its columns.
+Deviations: a mixture as the next state's law instead of a WaveNet over its columns; the weight of the KL term rises in
+the first half of the training.
 """
 
 from __future__ import annotations
@@ -59,8 +60,8 @@ class StateVAE(nn.Module):
         """q(z | s_1:T), batch shape (B, Z)."""
         return self.encoder(self.policy.senses(batch.observations), batch.lengths)
 
-    def loss(self, batch: TrajectoryBatch) -> Float[Tensor, ""]:
-        """L, in nats per step."""
+    def loss(self, batch: TrajectoryBatch, kl_weight: float) -> Float[Tensor, ""]:
+        """L, in nats per step, with this weight of the KL term."""
         senses, posterior = self.policy.senses, self.posterior(batch)
         z = posterior.rsample()
         actions, _ = self.policy(batch.observations, z)
@@ -68,7 +69,7 @@ class StateVAE(nn.Module):
         states = self.next_state(features, senses.observations.values(batch.observations))
         done = (actions.log_prob(senses.actions.values(batch.actions)) * batch.mask).sum()
         came = (states.log_prob(senses.observations.values(batch.next_observations)) * batch.next_known).sum()
-        return (self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
+        return (kl_weight * self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,8 @@ class StateTrajectoryVAE:
     num_components: int = 3
     num_steps: int = 3_000
     learning_rate: float = 5e-3
+    warm_up: float = 0.5
+    """Share of the steps over which the weight of the KL term rises from 0 to 1."""
 
     def fit(self, lesson: Lesson) -> StateVAE:
         """The trained model."""
@@ -91,7 +94,8 @@ class StateTrajectoryVAE:
                 num_components=self.num_components,
             )
         model.calibrate(lesson.demonstrations)
-        learn_trajectories(model, model.loss, lesson, Descent(lesson.limited(self.num_steps), self.learning_rate))
+        descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
+        learn_trajectories(model, model.loss, lesson, descent, warm_up=self.warm_up)
         return model
 
     def learn(self, lesson: Lesson) -> Bots:
