@@ -128,7 +128,7 @@ def test_decimal_commas_that_were_not_named_are_suspected(tmp_path: Path, capsys
         assert said in shown
         assert "--decimal , reads them as numbers, of CSV files; or --categorical observation.x" in shown
         call("data", "validate", path, "--decimal", ",")
-        assert "is sound" in capsys.readouterr().out
+        assert "is sound" in " ".join(capsys.readouterr().out.split())
 
 
 def test_text_among_numbers_with_commas(tmp_path: Path) -> None:
@@ -195,14 +195,14 @@ def test_every_command_reads_the_same(tmp_path: Path, capsys: pytest.CaptureFixt
     said = ("--separator", "|", "--decimal", ",")
     call("data", "validate", path, *said)
     call("data", "info", path, *said)
-    assert "12 episodes, 36 steps" in capsys.readouterr().out
+    assert "12 episodes, 36 steps" in " ".join(capsys.readouterr().out.split())
     run = tmp_path / "run"
     call("fit", path, *said, "--out", run, "--training.num-steps", "2", "--training.evaluate-every", "1")
     capsys.readouterr()
     for verb, more in (("embed", ()), ("score", ("--count", "1"))):
         call(verb, run, path, "--out", tmp_path / f"{verb}.parquet", *more)  # as the run's own were read
-        assert "12 sessions" in capsys.readouterr().out
+        assert "12 sessions" in " ".join(capsys.readouterr().out.split())
     call("data", "convert", path, tmp_path / "b.csv", "--separator", "|")
     (tmp_path / "c.csv").write_text(european("\t", "."))
     call("data", "info", tmp_path / "c.csv", "--separator", "tab")
-    assert "2 episodes, 4 steps" in capsys.readouterr().out
+    assert "2 episodes, 4 steps" in " ".join(capsys.readouterr().out.split())

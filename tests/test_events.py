@@ -40,6 +40,9 @@ class Foreign:
 
     mode = sample
 
+    def tempered(self, temperature: float) -> Foreign:
+        return self
+
 
 def pressed(lengths: list[int], seed: int = 0) -> Demonstrations:
     return noise(lengths, observation_space=SEEN, action_space=BUTTONS, seed=seed)
