@@ -25,7 +25,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -47,7 +47,8 @@ from tvae.envs.overcooked import SOUP_REWARD, OvercookedEnv, net_laps
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.likelihood import mean_interval
 from tvae.evaluate.playstyles import find_playstyles
-from tvae.evaluate.styles import Playstyles, Style
+from tvae.evaluate.styles import Playstyles
+from tvae.experiments.benchmark.ours import AnyStyle
 from tvae.experiments.fitting import schedule_of
 from tvae.experiments.tasks import overcooked
 from tvae.files import appearing
@@ -149,21 +150,6 @@ def soups(episodes: Demonstrations) -> FloatArray:
     return np.array([episode.steps["reward"].sum() / SOUP_REWARD for episode in episodes])
 
 
-@dataclass(frozen=True)
-class Together:
-    """The found styles that do the same, as one: an episode's z comes from one of them, as often as its people play."""
-
-    styles: Sequence[Style]
-
-    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """(count, Z)"""
-        weights = np.array([style.weight for style in self.styles])
-        chosen = rng.choice(len(self.styles), size=count, p=weights / weights.sum())
-        drawn = np.stack([style.sample(count, rng) for style in self.styles])
-        found: FloatArray = drawn[chosen, np.arange(count)]
-        return found
-
-
 def bots(*, seed: int) -> dict[str, Any]:
     """Games of the bots of a model of all pairs, one for each thing that the found styles do."""
     recipe = overcooked(None, seed)
@@ -174,7 +160,7 @@ def bots(*, seed: int) -> dict[str, Any]:
     playstyles = find_playstyles(encode(model, people), seed=seed)
     names = np.array(names_of(playstyles, net_laps(people)))
     latents = {
-        name: Together([style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this])
+        name: AnyStyle([style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this])
         for name in sorted(set(names.tolist()), reverse=True)
     }
     theirs = {name: people.select(np.flatnonzero(names[playstyles.assignment] == name)) for name in latents}

@@ -314,7 +314,7 @@ def test_states_are_foretold_from_the_first_and_z_alone():
     features, _ = model.recurrent(torch.cat([model.policy.senses(first), z], dim=-1)[:, None].expand(-1, 6, -1))
     state = model.policy.senses.observations.values(first)
     for step in range(6):  # each foretold state is where the next change starts
-        state = model.state(features[:, step], state).mode()
+        state = model.next_state(features[:, step], state).mode()
         torch.testing.assert_close(law.mode()[:, step], state, rtol=1e-4, atol=1e-4)
 
 

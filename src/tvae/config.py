@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, TypeVar, cast
@@ -124,6 +125,23 @@ class RunConfig:
             seed=int(data["seed"]),
             group=data["group"],
         )
+
+    @classmethod
+    def completed(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        """What `to_json` wrote, as a JSON file gives it back, where settings that came later have their defaults.
+
+        What else stands in `data` stays; what is no such configuration is given back as it is.
+
+        >>> stored = RunConfig(seed=3).to_json()
+        >>> del stored["policy"]
+        >>> RunConfig.completed(stored)["policy"]["num_steps"], RunConfig.completed({"task": "chess"})
+        (0, {'task': 'chess'})
+        """
+        try:
+            config = cls.from_json(data)
+        except (KeyError, TypeError, ValueError):
+            return dict(data)
+        return {**data, **json.loads(json.dumps(config.to_json()))}
 
 
 def _read(cls: type[T], data: Mapping[str, Any]) -> T:

@@ -25,46 +25,26 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.distributions import Normal
 
-from tvae.baselines.contract import Bots, Lesson
-from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots
-from tvae.baselines.posteriors import learn_trajectories, posterior_means
 from tvae.baselines.senses import Senses
+from tvae.baselines.state_only import STATE_FLOOR, StateOnly, StateOnlyVAE
 from tvae.data.batches import TrajectoryBatch
-from tvae.data.demonstrations import Demonstrations
-from tvae.device import seeded
 from tvae.distributions import RowDistribution
 from tvae.heads import Head
-from tvae.model.calibration import typical_changes
-from tvae.model.encoder import Encoder
-from tvae.model.latent import StandardNormal
-
-_STATE_FLOOR = 0.1
-"""Smallest standard deviation of a foretold state, in typical changes, as in our own state decoder."""
 
 
-class SelfConsistentVAE(nn.Module):
+class SelfConsistentVAE(StateOnlyVAE):
     """q(z | s_1:T), p(s_2:T+1 | s_1, z) and pi(a_t | s_t, z)."""
 
     def __init__(self, senses: Senses, *, latent_features: int, hidden_features: int, num_components: int) -> None:
-        super().__init__()
-        self.encoder = Encoder(senses.num_features, latent_features, hidden_features)
-        trunk = MovingTrunk(senses.num_features, latent_features, hidden_features)
-        self.policy = PolicyNetwork(senses, trunk, num_components=num_components)
+        super().__init__(
+            senses,
+            latent_features=latent_features,
+            hidden_features=hidden_features,
+            num_components=num_components,
+        )
         self.recurrent = nn.LSTM(senses.num_features + latent_features, hidden_features, batch_first=True)
-        self.state = Head(senses.observations.space, hidden_features, floor=_STATE_FLOOR)
-        self.prior = StandardNormal(latent_features)
-
-    def calibrate(self, demonstrations: Demonstrations) -> None:
-        """Measure the typical change of each signal in one step."""
-        of_values, _ = typical_changes(self.policy.senses.observations, demonstrations)
-        self.state.unit.copy_(of_values)
-
-    def posterior(self, batch: TrajectoryBatch) -> Normal:
-        """q(z | s_1:T), batch shape (B, Z)."""
-        return self.encoder(self.policy.senses(batch.observations), batch.lengths)
+        self.next_state = Head(senses.observations.space, hidden_features, floor=STATE_FLOOR)
 
     def foretold(self, first: Float[Tensor, "B O"], z: Float[Tensor, "B Z"], num_steps: int) -> RowDistribution:
         """p(s_2:T+1 | s_1, z) of raw first observations, batch shape (B, T)."""
@@ -72,44 +52,23 @@ class SelfConsistentVAE(nn.Module):
         known = torch.cat([senses(first), z], dim=-1)
         features, _ = self.recurrent(known[:, None].expand(-1, num_steps, -1))
         start = senses.observations.values(first)[:, None]
-        changes = self.state(features, torch.zeros_like(start).expand(-1, num_steps, -1)).mode()
-        return self.state(features, start + changes.cumsum(1) - changes)
+        changes = self.next_state(features, torch.zeros_like(start).expand(-1, num_steps, -1)).mode()
+        return self.next_state(features, start + changes.cumsum(1) - changes)
 
-    def loss(self, batch: TrajectoryBatch, kl_weight: float) -> Float[Tensor, ""]:
-        """L, in nats per step, with this weight of the KL term."""
-        senses, posterior = self.policy.senses, self.posterior(batch)
-        z = posterior.rsample()
-        actions, _ = self.policy(batch.observations, z)
-        states = self.foretold(batch.observations[:, 0], z, batch.actions.shape[1])
-        done = (actions.log_prob(senses.actions.values(batch.actions)) * batch.mask).sum()
-        came = (states.log_prob(senses.observations.values(batch.next_observations)) * batch.next_known).sum()
-        return (kl_weight * self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
+    def states(self, batch: TrajectoryBatch, z: Float[Tensor, "B Z"]) -> RowDistribution:
+        """p(s_2:T+1 | s_1, z), batch shape (B, T)."""
+        return self.foretold(batch.observations[:, 0], z, batch.actions.shape[1])
 
 
 @dataclass(frozen=True)
-class SelfConsistentTrajectories:
+class SelfConsistentTrajectories(StateOnly):
     """SeCTAR without the hierarchy."""
 
-    latent_features: int = 8
-    hidden_features: int = 64
-    num_components: int = 3
-    num_steps: int = 3_000
-    learning_rate: float = 5e-3
-    warm_up: float = 0.5
-    """Share of the steps over which the weight of the KL term rises from 0 to 1."""
-
-    def learn(self, lesson: Lesson) -> Bots:
-        """Bots with the posterior means of training trajectories."""
-        with seeded(lesson.seed, CPU):
-            model = SelfConsistentVAE(
-                Senses.fit(lesson.demonstrations),
-                latent_features=self.latent_features,
-                hidden_features=self.hidden_features,
-                num_components=self.num_components,
-            )
-        model.calibrate(lesson.demonstrations)
-        descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
-        learn_trajectories(model, model.loss, lesson, descent, warm_up=self.warm_up)
-        codes = posterior_means(model.posterior, lesson.demonstrations)
-        facts = {"gradient_steps": descent.num_steps, "num_parameters": num_parameters(model)}
-        return coded_bots(model.policy, codes, lesson, facts)
+    def network(self, senses: Senses) -> SelfConsistentVAE:
+        """Its first weights."""
+        return SelfConsistentVAE(
+            senses,
+            latent_features=self.latent_features,
+            hidden_features=self.hidden_features,
+            num_components=self.num_components,
+        )

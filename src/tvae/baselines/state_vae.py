@@ -16,91 +16,48 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jaxtyping import Float
-from torch import Tensor, nn
-from torch.distributions import Normal
+from torch import Tensor
 
-from tvae.baselines.contract import Bots, Lesson
-from tvae.baselines.descending import CPU, Descent, num_parameters
-from tvae.baselines.policies import MovingTrunk, PolicyNetwork, coded_bots
-from tvae.baselines.posteriors import learn_trajectories, posterior_means
+from tvae.baselines.policies import MovingTrunk
 from tvae.baselines.senses import Senses
+from tvae.baselines.state_only import STATE_FLOOR, StateOnly, StateOnlyVAE
 from tvae.data.batches import TrajectoryBatch
-from tvae.data.demonstrations import Demonstrations
-from tvae.device import seeded
+from tvae.distributions import RowDistribution
 from tvae.heads import Head
-from tvae.model.calibration import typical_changes
-from tvae.model.encoder import Encoder
-from tvae.model.latent import StandardNormal
-
-_STATE_FLOOR = 0.1
-"""Smallest standard deviation of a next state, in typical changes, as in our own state decoder."""
 
 
-class StateVAE(nn.Module):
+class StateVAE(StateOnlyVAE):
     """q(z | s_1:T), pi(a_t | s_t, z) and p(s_t+1 | s_t, z)."""
 
     def __init__(self, senses: Senses, *, latent_features: int, hidden_features: int, num_components: int) -> None:
-        super().__init__()
-        self.encoder = Encoder(senses.num_features, latent_features, hidden_features)
-        trunk = MovingTrunk(senses.num_features, latent_features, hidden_features)
-        self.policy = PolicyNetwork(senses, trunk, num_components=num_components)
+        super().__init__(
+            senses,
+            latent_features=latent_features,
+            hidden_features=hidden_features,
+            num_components=num_components,
+        )
         self.dynamics = MovingTrunk(senses.num_features, latent_features, hidden_features)
         self.next_state = Head(
-            senses.observations.space, hidden_features, floor=_STATE_FLOOR, num_components=num_components
+            senses.observations.space, hidden_features, floor=STATE_FLOOR, num_components=num_components
         )
         self.dynamics.unit.copy_(senses.unit)
-        self.prior = StandardNormal(latent_features)
 
-    def calibrate(self, demonstrations: Demonstrations) -> None:
-        """Measure the typical change of each signal in one step."""
-        of_values, _ = typical_changes(self.policy.senses.observations, demonstrations)
-        self.next_state.unit.copy_(of_values)
-
-    def posterior(self, batch: TrajectoryBatch) -> Normal:
-        """q(z | s_1:T), batch shape (B, Z)."""
-        return self.encoder(self.policy.senses(batch.observations), batch.lengths)
-
-    def loss(self, batch: TrajectoryBatch, kl_weight: float) -> Float[Tensor, ""]:
-        """L, in nats per step, with this weight of the KL term."""
-        senses, posterior = self.policy.senses, self.posterior(batch)
-        z = posterior.rsample()
-        actions, _ = self.policy(batch.observations, z)
+    def states(self, batch: TrajectoryBatch, z: Float[Tensor, "B Z"]) -> RowDistribution:
+        """p(s_t+1 | s_t, z), batch shape (B, T)."""
+        senses = self.policy.senses
         features, _ = self.dynamics(senses(batch.observations), z)
-        states = self.next_state(features, senses.observations.values(batch.observations))
-        done = (actions.log_prob(senses.actions.values(batch.actions)) * batch.mask).sum()
-        came = (states.log_prob(senses.observations.values(batch.next_observations)) * batch.next_known).sum()
-        return (kl_weight * self.prior.kl(posterior, z).sum() - done - came) / batch.mask.sum()
+        return self.next_state(features, senses.observations.values(batch.observations))
 
 
 @dataclass(frozen=True)
-class StateTrajectoryVAE:
+class StateTrajectoryVAE(StateOnly):
     """The state-only trajectory VAE of Wang et al."""
 
-    latent_features: int = 8
-    hidden_features: int = 64
-    num_components: int = 3
-    num_steps: int = 3_000
-    learning_rate: float = 5e-3
-    warm_up: float = 0.5
-    """Share of the steps over which the weight of the KL term rises from 0 to 1."""
-
-    def fit(self, lesson: Lesson) -> StateVAE:
-        """The trained model."""
-        with seeded(lesson.seed, CPU):
-            model = StateVAE(
-                Senses.fit(lesson.demonstrations),
-                latent_features=self.latent_features,
-                hidden_features=self.hidden_features,
-                num_components=self.num_components,
-            )
-        model.calibrate(lesson.demonstrations)
-        descent = Descent(lesson.limited(self.num_steps), self.learning_rate)
-        learn_trajectories(model, model.loss, lesson, descent, warm_up=self.warm_up)
-        return model
-
-    def learn(self, lesson: Lesson) -> Bots:
-        """Bots with the posterior means of training trajectories."""
-        model = self.fit(lesson)
-        codes = posterior_means(model.posterior, lesson.demonstrations)
-        facts = {"gradient_steps": lesson.limited(self.num_steps), "num_parameters": num_parameters(model)}
-        return coded_bots(model.policy, codes, lesson, facts)
+    def network(self, senses: Senses) -> StateVAE:
+        """Its first weights."""
+        return StateVAE(
+            senses,
+            latent_features=self.latent_features,
+            hidden_features=self.hidden_features,
+            num_components=self.num_components,
+        )

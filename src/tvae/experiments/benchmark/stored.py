@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -44,11 +43,7 @@ def as_now(asked: Mapping[str, Any]) -> dict[str, Any]:
     ours = asked["config"].get("config")
     if ours is None:
         return dict(asked)
-    try:
-        config = json.loads(json.dumps(RunConfig.from_json(ours).to_json()))
-    except (KeyError, TypeError, ValueError):
-        return dict(asked)
-    return {**asked, "config": {**asked["config"], "config": config}}
+    return {**asked, "config": {**asked["config"], "config": RunConfig.completed(ours)}}
 
 
 def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:

@@ -94,7 +94,7 @@ class Cell:
             there = self.read()["cell"]
         else:
             return False
-        there, asked = _as_now(there), _plain(self.asked)
+        there, asked = RunConfig.completed(there), _plain(self.asked)
         if there != asked:
             differing = sorted(name for name in {*there, *asked} if there.get(name) != asked.get(name))
             raise CellError(
@@ -193,15 +193,6 @@ def commit() -> str:
 
 def _versions() -> dict[str, str]:
     return {"tvae": tvae.__version__, "torch": torch.__version__}
-
-
-def _as_now(asked: dict[str, Any]) -> dict[str, Any]:
-    """What a cell was asked, where a setting that was not there yet has its default."""
-    try:
-        config = RunConfig.from_json(asked)
-    except (KeyError, TypeError, ValueError):
-        return asked
-    return {**asked, **_plain(config.to_json())}
 
 
 def _plain(data: Any) -> Any:
