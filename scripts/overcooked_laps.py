@@ -59,8 +59,9 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import Policy, rollout
 from tvae.spaces import FloatArray, IntArray
 from tvae.train.fitting import new_model
+from tvae.train.latents import OfStyles
 from tvae.train.loop import evaluate, train
-from tvae.train.policy import train_policy
+from tvae.train.policy import Lessons, train_policy
 
 ALONE = "19"
 """The only pair that goes round counter-clockwise."""
@@ -68,7 +69,7 @@ FOLDS = 7
 NAMES = {1: "clockwise", -1: "counter-clockwise", 0: "none"}
 PENALTIES = np.logspace(-1, 3, 9)
 GAMES, STEPS, LAPS = 100, 400, 4
-POLICY_FEATURES, POLICY_STEPS, TEMPERATURE = 256, 2_000, 0.7
+POLICY_FEATURES, POLICY_STEPS, POLICY_RATE, TEMPERATURE = 256, 2_000, 3e-3, 0.7
 
 
 def does(laps: FloatArray) -> IntArray:
@@ -173,7 +174,8 @@ def bots(*, seed: int) -> dict[str, Any]:
         for name, z in latents.items()
     }
     assignment, _ = playstyles.assign(encode(model, demonstrations))
-    train_policy(model, demonstrations, playstyles.styles, assignment, num_steps=POLICY_STEPS, seed=seed)
+    lessons = Lessons(demonstrations, OfStyles(playstyles.styles, assignment))
+    train_policy(model, lessons, num_steps=POLICY_STEPS, learning_rate=POLICY_RATE, seed=seed)
     for name, z in latents.items():
         policies = {
             "alone": LatentPolicy(model, z),

@@ -12,6 +12,7 @@ import torch
 
 from toys import noise, two_styles, untrained
 from tvae.config import ModelConfig, PolicyConfig, RunConfig, TrainingConfig
+from tvae.data.arrays import from_arrays
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import encode
@@ -20,8 +21,9 @@ from tvae.experiments.fitting import trained
 from tvae.model.decoding import Fixed
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import drawn, whole
+from tvae.train.latents import OfEpisodes, OfStyles
 from tvae.train.loop import Observer, TrainingError
-from tvae.train.policy import train_policy
+from tvae.train.policy import Lessons, log_likelihoods, train_policy
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,7 @@ SIDES = [Fixed(np.array([-1.0, 0.0])), Fixed(np.array([1.0, 0.0]))]
 
 def after(walks: Demonstrations, **arguments: Any) -> TrajectoryVAE:
     model, quick = untrained(walks), {"num_steps": 150, "batch_size": 64, "learning_rate": 0.02}
-    train_policy(model, walks, SIDES, ways(walks), **{**quick, **arguments})
+    train_policy(model, Lessons(walks, OfStyles(SIDES, ways(walks))), **{**quick, **arguments})
     return model
 
 
@@ -89,9 +91,9 @@ def test_counts_below_1_are_refused(walks: Demonstrations, arguments: dict[str, 
         after(walks, **arguments)
 
 
-def test_each_episode_needs_a_style(walks: Demonstrations):
-    with pytest.raises(ValueError, match="60 episodes need as many styles, got 3"):
-        train_policy(untrained(walks), walks, SIDES, np.zeros(3, dtype=np.int64), num_steps=1)
+def test_each_episode_needs_a_latent(walks: Demonstrations):
+    with pytest.raises(ValueError, match="60 episodes need as many latents, got 3"):
+        Lessons(walks, OfStyles(SIDES, np.zeros(3, dtype=np.int64)))
 
 
 def test_a_likelihood_that_is_not_finite_is_an_error_in_words(walks: Demonstrations):
@@ -119,29 +121,97 @@ def test_a_window_without_end_is_the_whole_episode():
     assert torch.equal(drawn(batch, None).valid, whole(batch).valid)
 
 
+def test_a_model_without_windows_learns_from_whole_episodes(walks: Demonstrations):
+    told: dict[int, float] = {}
+    model = untrained(walks, window=None)
+    lessons = Lessons(walks, OfStyles(SIDES, ways(walks)))
+    train_policy(model, lessons, num_steps=100, batch_size=64, learning_rate=0.02, on_step=told.__setitem__)
+    assert told[100] > told[1] + 0.3
+
+
+def test_of_what_was_learnt_what_makes_held_out_actions_most_likely_is_kept(walks: Demonstrations):
+    other = two_styles(20, seed=1)
+    lessons, held_out = (Lessons(some, OfStyles(SIDES, ways(some))) for some in (walks, other))
+    model = untrained(walks)
+    train_policy(model, lessons, held_out, num_steps=150, batch_size=64, learning_rate=0.02)
+    learnt = log_likelihoods(model, held_out).mean()
+    assert learnt > log_likelihoods(untrained(walks), held_out).mean() + 3
+    train_policy(model, lessons, held_out, num_steps=20, batch_size=64, learning_rate=3.0)
+    assert log_likelihoods(model, held_out).mean() >= learnt
+
+
+def test_the_likelihood_of_an_episode_is_that_of_its_own_z(walks: Demonstrations):
+    model, z = after(walks), np.where(ways(walks)[:, None] == 0, [[-1.0, 0.0]], [[1.0, 0.0]])
+    own = log_likelihoods(model, Lessons(walks, OfEpisodes(z, np.full_like(z, 1e-9))))
+    assert own == pytest.approx(log_likelihoods(model, Lessons(walks, OfStyles(SIDES, ways(walks)))), abs=1e-3)
+    other = log_likelihoods(model, Lessons(walks, OfEpisodes(-z, np.full_like(z, 1e-9))))
+    assert (own > other + 3).all()
+
+
+QUICK = RunConfig(
+    model=ModelConfig(hidden_features=8, prior_components=1),
+    training=TrainingConfig(num_steps=60, batch_size=8, evaluate_every=30, held_out=0.2),
+    policy=PolicyConfig(num_steps=3, batch_size=16),
+)
+
+
 def test_a_run_trains_its_policy_on_the_styles_it_found(walks: Demonstrations, tmp_path: Path):
-    config = RunConfig(
-        model=ModelConfig(hidden_features=8, prior_components=1),
-        training=TrainingConfig(num_steps=60, batch_size=8, evaluate_every=30, held_out=0.2),
-        policy=PolicyConfig(num_steps=3, batch_size=16),
-    )
-    told: list[int] = []
-    observer = Observer(on_policy_step=lambda step, nats: told.append(step))
+    steps: list[int] = []
+    notes: list[str] = []
+    observer = Observer(on_policy_step=lambda step, nats: steps.append(step), on_note=notes.append)
     plain, records = trained(
         walks,
-        replace(config, policy=PolicyConfig()),
+        replace(QUICK, policy=PolicyConfig(num_steps=0)),
         checkpoint=tmp_path / "plain",
         device="cpu",
         observer=observer,
     )
-    assert told == []
-    model, again = trained(walks, config, checkpoint=tmp_path / "model", device="cpu", observer=observer)
-    assert told == [1, 2, 3]
+    assert (steps, notes) == ([], [])
+    model, again = trained(walks, QUICK, checkpoint=tmp_path / "model", device="cpu", observer=observer)
+    assert steps == [1, 2, 3]
+    assert notes == ["The policy learnt alone from z of the styles, as its bots get it."]
     assert records == again
-    training, _ = walks.split(0.2, seed=0, group=None)
+    training, held_out = walks.split(0.2, seed=0, group=None)
     found = find_playstyles(encode(plain, training), seed=0)
-    train_policy(plain, training, found.styles, found.assignment, num_steps=3, batch_size=16)
-    resumed, _ = trained(walks, config, checkpoint=tmp_path / "model", device="cpu", observer=Observer())
+    assigned, _ = found.assign(encode(plain, held_out))
+    train_policy(
+        plain,
+        Lessons(training, OfStyles(found.styles, found.assignment)),
+        Lessons(held_out, OfStyles(found.styles, assigned)),
+        num_steps=3,
+        batch_size=16,
+    )
+    resumed, _ = trained(walks, QUICK, checkpoint=tmp_path / "model", device="cpu", observer=Observer())
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, plain.state_dict()[name]), name
         assert torch.equal(tensor, resumed.state_dict()[name]), name
+
+
+def levels(count: int) -> Demonstrations:
+    """Each episode with an action of its own, held from its first step to its last; observations tell nothing."""
+    random = np.random.default_rng(0)
+    actions = [level + 0.05 * random.normal(size=(10, 1)) for level in random.uniform(-1, 1, count)]
+    return from_arrays([random.normal(size=(11, 1)) for _ in actions], actions)
+
+
+def test_where_z_holds_more_than_a_style_of_how_to_act_the_policy_is_told_that_of_each_episode(tmp_path: Path):
+    held = levels(100)
+    training = replace(QUICK.training, num_steps=300, learning_rate=0.02)
+    config = replace(QUICK, training=training, policy=PolicyConfig(num_steps=100, batch_size=64))
+    notes: list[str] = []
+    model, _ = trained(
+        held, config, checkpoint=tmp_path / "model", device="cpu", observer=Observer(on_note=notes.append)
+    )
+    assert [note.split(":")[0] for note in notes] == ["z holds more than styles of how to act"]
+    posteriors = encode(model, held)
+    mine = log_likelihoods(model, Lessons(held, OfEpisodes(posteriors.means, posteriors.scales))).mean()
+    others = np.roll(posteriors.means, 1, axis=0)
+    assert mine > log_likelihoods(model, Lessons(held, OfEpisodes(others, posteriors.scales))).mean() + 5
+
+
+def test_a_model_without_a_latent_learns_too(walks: Demonstrations, tmp_path: Path):
+    config = replace(QUICK, model=replace(QUICK.model, latent_features=0))
+    steps: list[int] = []
+    observer = Observer(on_policy_step=lambda step, nats: steps.append(step))
+    trained(walks, config, checkpoint=tmp_path / "model", device="cpu", observer=observer)
+    assert steps == [1, 2, 3]

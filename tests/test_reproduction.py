@@ -79,20 +79,29 @@ def test_the_papers_reading_is_a_plain_lstm_and_the_evidence_lower_bound(task: s
     assert {weight for _, weight in paper.training.kl_points} == {1.0}
 
 
-def test_each_ablation_changes_one_thing_of_the_default():
-    default = PRESETS["zombie"]["default"].to_json()
+@pytest.mark.parametrize("task", ["navigation", "circle", "zombie"])
+def test_the_bound_alone_is_our_default_but_for_how_long_it_trains(task: str):
+    default, bound = PRESETS[task]["default"], ABLATIONS[task]["bound"]
+    assert bound.policy_steps == 0
+    assert replace(bound, training=default.training, policy=default.policy) == default
+    assert replace(bound.training, num_steps=default.training.num_steps) == default.training
+    assert default.training.num_steps < bound.training.num_steps < default.training.num_steps + default.policy_steps
+
+
+def test_each_ablation_changes_one_thing_of_the_bound():
+    bound = ABLATIONS["zombie"]["bound"].to_json()
     for name, config in ABLATIONS["zombie"].items():
         changed = {
             field
-            for part in ("model", "training")
-            for field in default[part]
-            if config.to_json()[part][field] != default[part][field]
+            for part in ("model", "training", "policy")
+            for field in bound[part]
+            if config.to_json()[part][field] != bound[part][field]
         }
         if name.startswith("plain") and name != "plain_decoders":  # without remedies on the decoders' side
             changed -= {"reactive", "events"}
             assert len(changed) == (name != "plain"), name
         else:
-            assert len(changed - {"stop"}) == (name not in FEWER), name
+            assert len(changed - {"stop"}) == (name not in (*FEWER, "bound")), name
 
 
 def test_plain_decoders_have_each_remedy_on_the_latents_side_alone():

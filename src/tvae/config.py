@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar, cast
 
 T = TypeVar("T")
@@ -52,7 +52,7 @@ class ModelConfig:
 class TrainingConfig:
     """The arguments of `tvae.train.loop.train`."""
 
-    num_steps: int = 4_000
+    num_steps: int = 2_500
     """Most steps of gradient descent."""
     batch_size: int | None = None
     """Trajectories in a step; None for 32 to 64 of them, fewer where they are long."""
@@ -82,13 +82,13 @@ class TrainingConfig:
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """The arguments of `tvae.train.policy.train_policy`, which follows where there are steps of it."""
+    """How the policy learns further, alone (`tvae.train.policy.train_policy`)."""
 
-    num_steps: int = 0
-    """Steps in which the policy alone learns from z of the found styles, as its bots will get them."""
+    num_steps: int | None = None
+    """Steps in which the policy alone learns further; None for as many as the training before had."""
     batch_size: int = 256
     """Moments in a step."""
-    learning_rate: float = 3e-3
+    learning_rate: float = 1e-2
     """Of AdamW, at the start."""
 
 
@@ -102,6 +102,16 @@ class RunConfig:
     seed: int = 0
     group: str | None = None
     """Attribute whose groups stay whole when demonstrations are split, such as a pair of players."""
+
+    @property
+    def policy_steps(self) -> int:
+        """How many steps the policy alone takes.
+
+        >>> RunConfig().policy_steps, RunConfig(policy=PolicyConfig(num_steps=0)).policy_steps
+        (2500, 0)
+        """
+        asked = self.policy.num_steps
+        return self.training.num_steps if asked is None else asked
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a JSON file."""
@@ -121,16 +131,17 @@ class RunConfig:
                 TrainingConfig,
                 {**data["training"], "kl_points": tuple(tuple(p) for p in data["training"]["kl_points"])},
             ),
-            policy=_read(PolicyConfig, data.get("policy", {})),
+            policy=_read(PolicyConfig, data.get("policy", asdict(_WITHOUT))),
             seed=int(data["seed"]),
             group=data["group"],
         )
 
     @classmethod
     def completed(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        """What `to_json` wrote, as a JSON file gives it back, where settings that came later have their defaults.
+        """What `to_json` wrote, as a JSON file gives it back, where settings that came later are as they then were.
 
-        What else stands in `data` stays; what is no such configuration is given back as it is.
+        So are those of a policy that does not learn alone. What else stands in `data` stays; what is no such
+        configuration is given back as it is.
 
         >>> stored = RunConfig(seed=3).to_json()
         >>> del stored["policy"]
@@ -141,7 +152,13 @@ class RunConfig:
             config = cls.from_json(data)
         except (KeyError, TypeError, ValueError):
             return dict(data)
+        if config.policy.num_steps == 0:
+            config = replace(config, policy=_WITHOUT)
         return {**data, **json.loads(json.dumps(config.to_json()))}
+
+
+_WITHOUT = PolicyConfig(num_steps=0)
+"""Before there was any, no policy learnt alone."""
 
 
 def _read(cls: type[T], data: Mapping[str, Any]) -> T:

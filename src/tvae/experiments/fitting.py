@@ -17,20 +17,19 @@ import tvae
 from tvae.config import RunConfig, TrainingConfig
 from tvae.data.batches import evenly, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
-from tvae.evaluate.encoding import encode
-from tvae.evaluate.playstyles import find_playstyles
 from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import together, watching
+from tvae.experiments.refining import refine_policy
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
 from tvae.experiments.source import Source
 from tvae.experiments.tracking import Tracker
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import policy_windows
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.diagnosis import TrainingWarning
 from tvae.train.fitting import new_model
 from tvae.train.loop import MOST_JUDGED_STEPS, Observer, evaluate, train
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
-from tvae.train.policy import train_policy
 from tvae.train.schedules import Budget, KLSchedule, Piecewise
 
 
@@ -116,7 +115,7 @@ def fit_run(
     parts = split(demonstrations, config)
     batch_size = config.training.batch_size or suitable_batch_size(parts[0].lengths)
     terms = {
-        name: asdict(evaluate(model, evenly(part, MOST_JUDGED_STEPS), batch_size=batch_size, seed=config.seed))
+        name: asdict(_terms(model, part, batch_size=batch_size, seed=config.seed))
         for name, part in zip(("training", "held_out"), parts, strict=True)
     }
     update_metrics(
@@ -132,13 +131,18 @@ def fit_run(
     return model
 
 
+def _terms(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size: int, seed: int) -> Terms:
+    some = evenly(demonstrations, MOST_JUDGED_STEPS)
+    return evaluate(model, some, policy_windows, batch_size=batch_size, seed=seed)
+
+
 def trained(
     demonstrations: Demonstrations, config: RunConfig, *, checkpoint: Path, device: str, observer: Observer
 ) -> tuple[TrajectoryVAE, tuple[Record, ...]]:
     """The model of a configuration, trained on all but its held-out demonstrations, and its evaluations.
 
-    Where the configuration has steps for the policy alone, these follow, with the styles found among the training
-    demonstrations; the evaluations are those before.
+    The steps of the policy alone follow, if the configuration has any (`tvae.experiments.refining`); the evaluations
+    are those before.
     """
     training, held_out = split(demonstrations, config)
     model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
@@ -161,17 +165,8 @@ def trained(
         checkpoint=checkpoint,
         observer=observer,
     )
-    if config.policy.num_steps:
-        found = find_playstyles(encode(model, training), seed=config.seed)
-        train_policy(
-            model,
-            training,
-            found.styles,
-            found.assignment,
-            **asdict(config.policy),
-            seed=config.seed,
-            on_step=observer.on_policy_step,
-        )
+    if config.policy_steps:
+        refine_policy(model, training, held_out, config, observer)
     return model, records
 
 

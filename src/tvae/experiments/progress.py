@@ -22,7 +22,7 @@ def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as bar, SummaryWriter(str(tensorboard), purge_step=0) as events:
         task = bar.add_task("training", total=config.training.num_steps)
-        further = bar.add_task("policy alone", total=config.policy.num_steps, visible=config.policy.num_steps > 0)
+        further = bar.add_task("policy alone", total=config.policy_steps, visible=config.policy_steps > 0)
 
         def on_step(step: int, terms: Terms) -> None:
             words = f"policy {terms.policy:.1f}  state {terms.state:.1f}  KL {terms.kl:.2f} nats"
@@ -37,7 +37,10 @@ def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator
             events.add_scalar("policy_alone/log_likelihood", nats, step)
             bar.update(further, completed=step, description=f"policy alone {nats:.2f} nats")
 
-        yield Observer(on_step, on_record, on_policy_step)
+        def on_note(note: str) -> None:
+            bar.console.print(note, markup=False, highlight=False)
+
+        yield Observer(on_step, on_record, on_policy_step, on_note)
 
 
 def scalars(record: Record) -> dict[str, float]:
@@ -76,7 +79,11 @@ def together(observers: Sequence[Observer]) -> Observer:
         for observer in observers:
             observer.on_policy_step(step, nats)
 
-    return Observer(on_step, on_record, on_policy_step)
+    def on_note(note: str) -> None:
+        for observer in observers:
+            observer.on_note(note)
+
+    return Observer(on_step, on_record, on_policy_step, on_note)
 
 
 @contextmanager

@@ -45,12 +45,14 @@ class TrainingError(TvaeError):
 class Observer:
     """Who is told of a training's progress: `on_step` of every step, `on_record` of every evaluation.
 
-    `on_policy_step` is told of every step of `tvae.train.policy.train_policy`, with the log-likelihood of an action.
+    `on_policy_step` is told of every step of `tvae.train.policy.train_policy`, with the log-likelihood of an action,
+    `on_note`, in words, what was decided on the way.
     """
 
     on_step: Callable[[int, Terms], None] = lambda step, terms: None
     on_record: Callable[[Record], None] = lambda record: None
     on_policy_step: Callable[[int, float], None] = lambda step, nats: None
+    on_note: Callable[[str], None] = lambda note: None
 
 
 def train(
@@ -149,7 +151,7 @@ def train(
             first = evaluate(model, judging, batch_size=batch_size, seed=seed)
             beta = schedule.weight(0.0, first.kl, 1.0)
             progress = Progress(0, beta, first.kl, 0, 0, False, (Record(0, beta, first, first),))
-            best = _copy_of_weights(model)
+            best = copy_of_weights(model)
         for record in progress.records:
             observer.on_record(record)
         while not progress.finished:
@@ -163,7 +165,7 @@ def train(
             record = Record(end, beta, _average(terms), held)
             judged = _judge(progress, record, terms[-1].kl, max(schedule.settled * num_steps, chosen), state_weight)
             if judged.best_step == end:
-                best = _copy_of_weights(model)
+                best = copy_of_weights(model)
             progress = replace(judged, finished=end == num_steps or judged.stale >= patience)
             observer.on_record(record)
             if checkpoint is not None:
@@ -234,16 +236,32 @@ def _any_of(lengths: Sequence[int | None], batch: TrajectoryBatch) -> Windows:
     return cut_anywhere(batch, lengths[int(torch.randint(len(lengths), ()))])
 
 
+def cut_as_a_bot_sees(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
+    """Windows of a bot's length, cut at a random offset."""
+    return cut_anywhere(batch, model.bot_window)
+
+
 @torch.no_grad()
-def evaluate(model: TrajectoryVAE, demonstrations: Demonstrations, *, batch_size: int = 64, seed: int = 0) -> Terms:
-    """Mean terms of the bound over all trajectories, one posterior sample each, without dropout."""
+def evaluate(
+    model: TrajectoryVAE,
+    demonstrations: Demonstrations,
+    seen: Callable[[TrajectoryVAE, TrajectoryBatch], Windows] = cut_as_a_bot_sees,
+    *,
+    batch_size: int = 64,
+    seed: int = 0,
+) -> Terms:
+    """Mean terms of the bound over all trajectories, one posterior sample each, without dropout.
+
+    `seen` gives the windows of the policy; those of the training are cut. `tvae.model.windows.policy_windows` gives
+    each step the past that a bot has there.
+    """
     was_training = model.training
     model.eval()
     weighted: list[Terms] = []
     with seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
-            windows = {"policy": cut_anywhere(batch, model.bot_window), "state": cut_anywhere(batch, model.window)}
+            windows = {"policy": seen(model, batch), "state": cut_anywhere(batch, model.window)}
             weighted.extend([_mean(elbo(model, batch, **windows))] * len(episodes))
     model.train(was_training)
     return _average(weighted)
@@ -258,7 +276,8 @@ def _average(terms: list[Terms]) -> Terms:
     return Terms(*np.mean([(t.policy, t.state, t.stop, t.kl, t.ahead) for t in terms], axis=0).tolist())
 
 
-def _copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
+def copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
+    """The state of a module as it is now."""
     return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
 
 

@@ -1,73 +1,101 @@
-"""Training the policy decoder further and alone, for what bots are asked: a z of a style, not of an episode."""
+"""Training the policy decoder further and alone, on what its bots will see."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tvae.data.batches import batch_of
+from tvae.data.batches import batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
-from tvae.model.decoding import LatentSource, latent_of
+from tvae.model.decoding import latent_of
 from tvae.model.elbo import policy_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
-from tvae.model.windows import drawn
-from tvae.spaces import IntArray
-from tvae.train.loop import TrainingError
+from tvae.model.windows import drawn, policy_windows
+from tvae.spaces import FloatArray
+from tvae.train.latents import EpisodeLatents
+from tvae.train.loop import TrainingError, copy_of_weights
+from tvae.train.memory import candidates
+
+_EVALUATIONS = 10
+_JUDGED_AT_ONCE = 32
+_LONGER = 0.5
+"""Share of the steps whose window is any of those that a bot may be given, so that none of them is unlearnt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lessons:
+    """Demonstrations, and what the policy is told of each."""
+
+    demonstrations: Demonstrations
+    latents: EpisodeLatents
+
+    def __post_init__(self) -> None:
+        if len(self.latents) != len(self.demonstrations):
+            raise ValueError(f"{len(self.demonstrations)} episodes need as many latents, got {len(self.latents)}")
 
 
 def train_policy(
     model: TrajectoryVAE,
-    demonstrations: Demonstrations,
-    styles: Sequence[LatentSource],
-    assignment: IntArray,
+    lessons: Lessons,
+    held_out: Lessons | None = None,
     *,
     num_steps: int,
     batch_size: int = 256,
-    learning_rate: float = 3e-3,
+    learning_rate: float = 1e-2,
     weight_decay: float = 1e-2,
     seed: int = 0,
     on_step: Callable[[int, float], None] = lambda step, nats: None,
 ) -> None:
     """Train the policy decoder of `model` in place, and nothing else of it.
 
-        max E_tau E_{z ~ q_k} [ sum_t log pi(a_t | s_1:t, z) ],   q_k(z) = 1/N_k sum_i q(z | tau_i),
+        max E_tau E_z [ sum_t log pi(a_t | s_1:t, z) ]
 
-    where k is the style of tau, `assignment` (E,), and `styles[k]` samples q_k. Under the evidence lower bound the
-    policy reads a z of the very episode that it imitates; a bot's z is that of any episode of its style. What z tells
-    beyond the style so divides the demonstrations among many. Here z is drawn for training as it is for a bot, and all
-    episodes of a style teach each of its bots.
+    The policy's term of the evidence lower bound, where encoder and state decoder stay as they are: with
+    z ~ q(z | tau) (`tvae.train.latents.OfEpisodes`) the bound only rises by it. Beside the others the policy learns in
+    few, long steps, half of them without a past; alone it can be made sharp. Or z is of the style of tau
+    (`tvae.train.latents.OfStyles`), as it is for a bot: what z tells beyond the style then no longer divides the
+    demonstrations among many, and all episodes of a style teach each of its bots.
 
     Each step takes `batch_size` moments, evenly from all steps of the demonstrations, each with the window of the past
-    that a bot would see there, and one step of AdamW, its learning rate falling to nothing along half a cosine. Nothing
-    is held out: `num_steps` says how near the policy comes to its demonstrations. The randomness of a step depends on
-    `seed` and the step alone. `on_step` is told each step and the mean log-likelihood of an action, in nats.
+    that a bot would see there, and one step of AdamW, its learning rate falling to nothing along half a cosine. Of a
+    model without windows a step takes whole trajectories that have about as many moments together. The randomness of a
+    step depends on `seed` and the step alone. `on_step` is told each step and the mean log-likelihood of an action, in
+    nats.
 
-    Raises `TrainingError` where the log-likelihood is not finite, and `ValueError` for numbers that are not positive or
-    an assignment of another length.
+    With `held_out`, its mean log-likelihood of an action is measured before, and ten times on the way, and the weights
+    with the best one are kept, those before among them. Without, `num_steps` says how near the policy comes to its
+    demonstrations, by heart in the end.
+
+    Raises `TrainingError` where the log-likelihood is not finite, and `ValueError` for numbers that are not positive.
 
     >>> from tvae.data.arrays import from_arrays
     >>> from tvae.model.decoding import Fixed
+    >>> from tvae.train.latents import OfStyles
     >>> walks = from_arrays([np.zeros((9, 1)), np.zeros((9, 1))], [np.full((8, 1), -1.0), np.full((8, 1), 1.0)])
     >>> model = TrajectoryVAE(walks.observation_space, walks.action_space, latent_features=1, hidden_features=8)
     >>> model.calibrate(walks)
-    >>> ways, nats = [Fixed(np.array([-1.0])), Fixed(np.array([1.0]))], {}
-    >>> train_policy(model, walks, ways, np.array([0, 1]), num_steps=100, learning_rate=0.03, on_step=nats.__setitem__)
+    >>> ways = OfStyles([Fixed(np.array([-1.0])), Fixed(np.array([1.0]))], np.array([0, 1]))
+    >>> nats = {}
+    >>> train_policy(model, Lessons(walks, ways), num_steps=100, learning_rate=0.03, on_step=nats.__setitem__)
     >>> nats[1] < -1 and nats[100] > 1
     True
     """
     for name, number in (("num_steps", num_steps), ("batch_size", batch_size)):
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")
-    if len(assignment) != len(demonstrations):
-        raise ValueError(f"{len(demonstrations)} episodes need as many styles, got {len(assignment)}")
     decoders = nn.ModuleList([model.policy_decoder, model.events])
     optimizer = torch.optim.AdamW(decoders.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True)
+    demonstrations = lessons.demonstrations
     shares = demonstrations.lengths / demonstrations.num_steps
+    lengths = candidates(model.window, model.bot_window or 1)
+    size = batch_size if model.bot_window is not None else math.ceil(batch_size / demonstrations.lengths.mean())
+    best = None if held_out is None else _Best(model, decoders, held_out, seed)
     decoders.train()
     with seeded(seed, model.device):
         for step in range(num_steps):
@@ -76,10 +104,11 @@ def train_policy(
             random = np.random.default_rng(sequence)
             for group in optimizer.param_groups:
                 group["lr"] = learning_rate * 0.5 * (1 + math.cos(math.pi * step / num_steps))
-            episodes = random.choice(len(demonstrations), size=batch_size, p=shares)
+            episodes = random.choice(len(demonstrations), size=size, p=shares)
             batch = batch_of(demonstrations, episodes, model.device)
-            windows = drawn(batch, model.bot_window)
-            z = _latents(model, styles, assignment[episodes], random)
+            window = lengths[random.integers(len(lengths))] if random.random() < _LONGER else model.bot_window
+            windows = drawn(batch, window)
+            z = latent_of(model, lessons.latents.draw(episodes, random), size)
             nats = policy_log_likelihood(model, batch, z, windows).sum() / windows.valid.sum()
             if not nats.isfinite():
                 raise TrainingError(
@@ -90,12 +119,42 @@ def train_policy(
             (-nats).backward()
             optimizer.step()
             on_step(step + 1, nats.item())
+            if best is not None and (step + 1) * _EVALUATIONS // num_steps > step * _EVALUATIONS // num_steps:
+                best.consider()
+    if best is not None:
+        decoders.load_state_dict(best.weights)
     decoders.eval()
 
 
-def _latents(model: TrajectoryVAE, styles: Sequence[LatentSource], of: IntArray, random: np.random.Generator) -> Tensor:
-    """(B, Z): for each episode a draw from its style."""
-    z = np.zeros((len(of), model.latent_features))
-    for style in np.unique(of):
-        z[of == style] = styles[style].sample(int((of == style).sum()), random)
-    return latent_of(model, z, len(of))
+@torch.no_grad()
+def log_likelihoods(model: TrajectoryVAE, lessons: Lessons, *, seed: int = 0) -> FloatArray:
+    """(E,) sum_t log pi(a_t | s_1:t, z) of each episode, in nats, as a bot sees it, at one z that it draws with `seed`.
+
+    The law of which events occur is among it (`tvae.model.events`), as in the bound.
+    """
+    was_training = model.training
+    model.eval()
+    found = np.zeros(len(lessons.demonstrations))
+    z = lessons.latents.draw(np.arange(len(found)), np.random.default_rng(seed))
+    for episodes in ordered_batches(lessons.demonstrations, _JUDGED_AT_ONCE):
+        batch = batch_of(lessons.demonstrations, episodes, model.device)
+        told = latent_of(model, z[episodes], len(episodes))
+        found[episodes] = policy_log_likelihood(model, batch, told, policy_windows(model, batch)).double().cpu().numpy()
+    model.train(was_training)
+    return found
+
+
+class _Best:
+    """The weights under which held-out actions were most likely, of those considered."""
+
+    def __init__(self, model: TrajectoryVAE, decoders: nn.Module, held_out: Lessons, seed: int) -> None:
+        self._model, self._decoders, self._held_out, self._seed = model, decoders, held_out, seed
+        self._nats = -math.inf
+        self.weights: dict[str, Tensor] = {}
+        self.consider()
+
+    def consider(self) -> None:
+        """Keep the present weights if they are better than those kept."""
+        nats = log_likelihoods(self._model, self._held_out, seed=self._seed).mean()
+        if nats > self._nats:
+            self._nats, self.weights = nats, copy_of_weights(self._decoders)

@@ -58,6 +58,7 @@ STUDIES: Mapping[str, Study] = {
         {
             "default": navigation.measure,
             "paper": navigation.measure,
+            "bound": navigation.measure,
             **dict.fromkeys(BESIDE["navigation"], navigation.measure_cloning),
         },
         navigation.draw,
@@ -71,6 +72,7 @@ STUDIES: Mapping[str, Study] = {
         {
             "default": circle.measure,
             "paper": circle.measure,
+            "bound": circle.measure,
             **dict.fromkeys(BESIDE["circle"], circle.measure_cloning),
         },
         circle.draw,
@@ -85,6 +87,7 @@ STUDIES: Mapping[str, Study] = {
             "default": zombie.measure,
             "paper": zombie.measure,
             **dict.fromkeys(ABLATIONS["zombie"], zombie.measure_briefly),
+            "bound": zombie.measure,
             "whole_episodes": zombie.measure_with_windows,
             "no_state_decoder": zombie.measure_bots,
         },

@@ -18,6 +18,7 @@ from tvae.experiments.findings import Findings
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.model.decoding import Choice, LatentSource, sampled
 from tvae.model.tvae import TrajectoryVAE
+from tvae.model.windows import policy_windows
 from tvae.rollouts import rollout
 from tvae.spaces import FloatArray, IntArray
 from tvae.train.loop import evaluate
@@ -99,7 +100,7 @@ class Subject:
     def common(self) -> dict[str, Any]:
         """What every task reports: styles on the test demonstrations, and what z holds."""
         labels = self.test.attribute("label")
-        terms = evaluate(self.model, self.test)
+        terms = evaluate(self.model, self.test, policy_windows)
         return {
             "playstyles": {
                 "num_found": len(self.playstyles),
