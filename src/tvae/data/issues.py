@@ -17,6 +17,8 @@ class Remedy(Enum):
     """Whether the column is a number, an angle or a category."""
     SAY_DEGREES = auto()
     """That the column is an angle in degrees."""
+    OMIT_DEGREES = auto()
+    """Not to say that the column is an angle in degrees."""
     SAY_DECIMAL = auto()
     """That decimals are marked by a comma."""
     SAY_CATEGORY_OR_IGNORE = auto()

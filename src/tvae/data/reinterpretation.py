@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from tvae.data.columns import KindError, decode, encode, signal_of
-from tvae.data.degrees import RADIANS_PER_DEGREE, with_degrees
+from tvae.data.degrees import RADIANS_PER_DEGREE, angles, noted, radians_issue, with_degrees
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.table_roles import named_kinds
 from tvae.data.table_schema import ACTION, OBSERVATION
@@ -22,7 +22,8 @@ def with_kinds(
 ) -> Demonstrations:
     """Take columns, such as `observation.heading` or `heading`, as signals of another kind.
 
-    Those that are named in `degrees` become angles; what is an angle already is in radians and stays as it is.
+    Those that are named in `degrees` become angles; what is an angle already is in radians and stays as it is
+    (`check_degrees` refuses it).
 
     Raises `DataError` for an unknown column and for values that cannot be of that kind.
 
@@ -30,19 +31,18 @@ def with_kinds(
     >>> from tvae.spaces import Angular
     >>> walk = from_arrays([np.zeros((4, 1))], [np.ones((3, 1))])
     >>> with_kinds(walk, {"action.0": Angular}).action_space.signals
-    (Angular(name='0'),)
+    (Angular(name='0', recorded_in_degrees=False),)
     """
-    columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
-    columns += [ACTION + name for name in demonstrations.action_space.names]
+    columns = _columns(demonstrations)
     kinds, issues = named_kinds(kinds, columns, {})
-    kinds, angles, found = with_degrees(kinds, degrees, columns, {})
+    kinds, in_degrees, found = with_degrees(kinds, degrees, columns, {})
     issues += found
     if issues:
         raise DataError(str(issues[0]))
     observation_space, observations = _changed(
-        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds, angles
+        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds, in_degrees
     )
-    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds, angles)
+    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds, in_degrees)
     return replace(
         demonstrations,
         observation_space=observation_space,
@@ -52,11 +52,26 @@ def with_kinds(
     )
 
 
+def check_degrees(demonstrations: Demonstrations, degrees: Sequence[str]) -> None:
+    """Raise `DataError` for a column that is said to be in degrees, and is an angle in radians already."""
+    known = angles(demonstrations.observation_space, demonstrations.action_space)
+    for column in with_degrees({}, degrees, _columns(demonstrations), {})[1]:
+        if column in known:
+            raise DataError(str(radians_issue(column, known[column])))
+
+
+def _columns(demonstrations: Demonstrations) -> list[str]:
+    """The names of all signals."""
+    names = [OBSERVATION + name for name in demonstrations.observation_space.names]
+    return [*names, *(ACTION + name for name in demonstrations.action_space.names)]
+
+
 def _changed(
     prefix: str, space: Space, rows: FloatArray, kinds: Mapping[str, type[Signal]], degrees: Collection[str]
 ) -> tuple[Space, FloatArray]:
     """The space and, copied only where values change, its rows (N, C)."""
     signals = list(space.signals)
+    turned: list[str] = []
     for index, old in enumerate(space.signals):
         kind = kinds.get(prefix + old.name, type(old))
         if kind is type(old):
@@ -70,7 +85,8 @@ def _changed(
             raise DataError(f"column {prefix}{old.name}: {error}") from None
         if prefix + old.name in degrees:
             encoded = encoded * RADIANS_PER_DEGREE
+            turned.append(prefix + old.name)
         if not np.array_equal(encoded, column):
             rows = np.array(rows)
             rows[:, index] = encoded
-    return Space(tuple(signals)), rows
+    return noted(Space(tuple(signals)), prefix, turned), rows

@@ -13,7 +13,7 @@ from tvae.data.minari_source import find_minari, is_minari_id, minari_root, read
 from tvae.data.minari_target import write_minari
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.raw_table import RawTable
-from tvae.data.reinterpretation import with_kinds
+from tvae.data.reinterpretation import check_degrees, with_kinds
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name
 from tvae.data.tables import DataSource, open_directory, open_table, title
 from tvae.data.tabular import demonstrations_of, write_csv, write_parquet
@@ -62,7 +62,7 @@ def load_demonstrations(
     >>> import pyarrow as pa
     >>> rows = {"episode": [0, 0], "step": [0, 1], "observation.x": [0.5, 1.5], "action.heading": [3.1, -3.1]}
     >>> load_demonstrations(pa.table(rows), angular=["action.heading"]).action_space.signals
-    (Angular(name='heading'),)
+    (Angular(name='heading', recorded_in_degrees=False),)
     """
     kinds = kinds_by_column(angular, continuous, categorical, binary)
     raw = open_any_table(source, preparation)
@@ -80,6 +80,8 @@ def load_demonstrations(
         raise DataError(f"{source}: {_NO_TABLE}")
     demonstrations = _read(source, preparation.columns)
     try:
+        if observation_space is None and action_space is None:
+            check_degrees(demonstrations, preparation.degrees)
         demonstrations = with_kinds(demonstrations, kinds, preparation.degrees)
         check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:

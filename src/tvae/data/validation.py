@@ -21,7 +21,7 @@ from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.tables import DataSource
 from tvae.data.texts import first_with_mark
 from tvae.data.trajectory import Attribute, DataError
-from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe, kind_name
+from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe
 
 _BLOCK_STEPS = 1 << 20
 _MOST_VALUES = 20
@@ -136,7 +136,7 @@ class SignalSummary:
     column: str
     """Such as `observation.x`."""
     kind: str
-    """Such as `continuous` or `categorical (3)`."""
+    """Such as `continuous`, `categorical (3)` or `angular, from degrees`."""
     minimum: float | None
     mean: float | None
     """Of angles the direction of the mean vector."""
@@ -180,7 +180,7 @@ def suspicions(summary: Summary) -> Iterator[Issue]:
         if with_comma is not None:
             message = f"is a category, but has values such as {with_comma!r}: are they numbers with a decimal comma?"
             yield Issue(message, column=signal.column, remedy=Remedy.SAY_DECIMAL)
-        if signal.kind != kind_name(Angular(signal.column)) or signal.minimum is None or signal.maximum is None:
+        if signal.kind != describe(Angular(signal.column)) or signal.minimum is None or signal.maximum is None:
             continue
         if max(-signal.minimum, signal.maximum) > _FULL_TURN:
             message = (
@@ -258,4 +258,6 @@ def _signal(column: str, signal: Signal, parts: Iterator[FloatArray]) -> SignalS
             total += np.exp(1j * part).sum() if isinstance(signal, Angular) else part.sum()
         count += len(part)
     mean = float(np.angle(total)) if isinstance(signal, Angular) else total.real / count
-    return SignalSummary(column, describe(signal), lowest, mean, highest, ())
+    in_degrees = isinstance(signal, Angular) and signal.recorded_in_degrees
+    kind = f"{describe(signal)}, from degrees" if in_degrees else describe(signal)
+    return SignalSummary(column, kind, lowest, mean, highest, ())

@@ -14,6 +14,7 @@ _OPTIONS: Mapping[Remedy, str] = {
     Remedy.NAME_OBSERVATIONS: "with --action, what is left over are observations; or name them: --observation COLUMN",
     Remedy.SAY_KIND: "--continuous {column}, --angular {column} or --categorical {column}; or --ignore {column}",
     Remedy.SAY_DEGREES: "--degrees {column}, instead of --angular {column}, takes it for an angle in degrees",
+    Remedy.OMIT_DEGREES: "leave --degrees {column} out",
     Remedy.SAY_DECIMAL: "--decimal , reads them as numbers, of CSV files; or --categorical {column}",
     Remedy.SAY_CATEGORY_OR_IGNORE: "--ignore {column} or --categorical {column}",
     Remedy.SAY_TEXT_IS_MISSING: "--null TEXT reads a text as a missing value; or --categorical {column}",
