@@ -33,12 +33,7 @@ def with_kinds(
     >>> with_kinds(walk, {"action.0": Angular}).action_space.signals
     (Angular(name='0', recorded_in_degrees=False),)
     """
-    columns = _columns(demonstrations)
-    kinds, issues = named_kinds(kinds, columns, {})
-    kinds, in_degrees, found = with_degrees(kinds, degrees, columns, {})
-    issues += found
-    if issues:
-        raise DataError(str(issues[0]))
+    kinds, in_degrees = told(demonstrations, kinds, degrees)
     observation_space, observations = _changed(
         OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds, in_degrees
     )
@@ -55,15 +50,26 @@ def with_kinds(
 def check_degrees(demonstrations: Demonstrations, degrees: Sequence[str]) -> None:
     """Raise `DataError` for a column that is said to be in degrees, and is an angle in radians already."""
     known = angles(demonstrations.observation_space, demonstrations.action_space)
-    for column in with_degrees({}, degrees, _columns(demonstrations), {})[1]:
+    for column in told(demonstrations, {}, degrees)[1]:
         if column in known:
             raise DataError(str(radians_issue(column, known[column])))
 
 
-def _columns(demonstrations: Demonstrations) -> list[str]:
-    """The names of all signals."""
-    names = [OBSERVATION + name for name in demonstrations.observation_space.names]
-    return [*names, *(ACTION + name for name in demonstrations.action_space.names)]
+def told(
+    demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]], degrees: Sequence[str]
+) -> tuple[dict[str, type[Signal]], list[str]]:
+    """The kind of each column that is meant, by its whole name, and which of them are in degrees.
+
+    Raises `DataError` for an unknown column.
+    """
+    columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
+    columns += [ACTION + name for name in demonstrations.action_space.names]
+    named, issues = named_kinds(kinds, columns, {})
+    named, in_degrees, found = with_degrees(named, degrees, columns, {})
+    issues += found
+    if issues:
+        raise DataError(str(issues[0]))
+    return named, in_degrees
 
 
 def _changed(

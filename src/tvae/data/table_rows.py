@@ -31,11 +31,21 @@ _NAMING = {"episode": Remedy.NAME_EPISODE, "step": Remedy.NAME_STEP}
 
 
 @dataclass(frozen=True)
+class Decided:
+    """Which columns of signals, such as `observation.x`, are of their kind by whose word; others by a schema."""
+
+    by_user: frozenset[str] = frozenset()
+    by_type: frozenset[str] = frozenset()
+    """Those of which nothing was known but the type of their values."""
+
+
+@dataclass(frozen=True)
 class Examined:
     """What a table holds: demonstrations, or the issues that keep it from being any."""
 
     demonstrations: Demonstrations | None
     issues: tuple[Issue, ...]
+    decided: Decided = Decided()
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,15 @@ def examine(
             found = _examined(own.table, own.schema, kinds, preparation, observation_space, action_space)
             found = _with_units(found, to_turn)
     issues = [*raw.issues, *own.issues, *map(own.as_recorded, found.issues)]
-    return Examined(None if issues else found.demonstrations, tuple(issues))
+    unknown = [
+        prefix
+        for prefix, space in ((OBSERVATION, observation_space), (ACTION, action_space))
+        if space is None and own.schema is None
+    ]
+    by_type = frozenset(name for name in names if name.startswith(tuple(unknown)) and name not in kinds)
+    return Examined(
+        None if issues else found.demonstrations, tuple(issues), Decided(frozenset(kinds), by_type)
+    )
 
 
 def _examined(

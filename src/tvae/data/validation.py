@@ -12,10 +12,11 @@ import pyarrow as pa
 
 from tvae.data.columns import kinds_by_column
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.hints import hints
 from tvae.data.issues import Issue, Remedy
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
-from tvae.data.sources import load_demonstrations, open_any_table
+from tvae.data.sources import open_any_table, read_source
 from tvae.data.table_rows import Examined, examine
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.tables import DataSource
@@ -71,6 +72,8 @@ class Soundness:
     """What keeps it from being read."""
     suspicions: tuple[Issue, ...]
     """What can be read, but is perhaps not meant so; nothing where there are issues."""
+    hints: tuple[Issue, ...] = ()
+    """What may have been forgotten (`tvae.data.hints`); nothing where there are issues."""
 
 
 def examine_source(
@@ -99,7 +102,11 @@ def examine_source(
     )
     if examined.demonstrations is None:
         return Soundness(examined.issues, ())
-    return Soundness((), tuple(suspicions(summarise(examined.demonstrations))))
+    return Soundness(
+        (),
+        tuple(suspicions(summarise(examined.demonstrations))),
+        tuple(hints(examined.demonstrations, examined.decided)),
+    )
 
 
 def _examined(
@@ -112,20 +119,13 @@ def _examined(
     preparation: Preparation,
 ) -> Examined:
     try:
+        kinds = kinds_by_column(angular, continuous, categorical, binary)
         raw = open_any_table(source, preparation)
         if raw is None:
-            demonstrations = load_demonstrations(
-                source,
-                angular=angular,
-                continuous=continuous,
-                categorical=categorical,
-                binary=binary,
-                preparation=preparation,
-            )
-            return Examined(demonstrations, ())
+            demonstrations, decided = read_source(source, kinds, preparation)
+            return Examined(demonstrations, (), decided)
     except DataError as error:
         return Examined(None, (Issue(str(error)),))
-    kinds = kinds_by_column(angular, continuous, categorical, binary)
     return examine(raw, kinds=kinds, preparation=preparation)
 
 
