@@ -48,14 +48,14 @@ def single(angle: Any) -> Any:
 
 
 @pytest.mark.parametrize("form", [compass, signed, whole, single])
-@pytest.mark.parametrize("scale", [5.0, 20.0])
+@pytest.mark.parametrize("scale", [5.0, 25.0])
 def test_angles_in_degrees_are_seen(form: Any, scale: float) -> None:
     turning = form(walk(0, scale) + 20 * np.arange(STEPS) / scale)
     (hint,) = examine_source(table(turning)).hints
     assert hint.column == "observation.x"
     assert hint.message == "looks like an angle in degrees: between steps it jumps by about 360"
-    jumps = np.abs(np.diff(turning)) > 300
-    assert hint.count == jumps.sum() - jumps[STEPS // 2 - 1]
+    jumps = np.abs(np.diff(turning)) > 270
+    assert hint.count == jumps.sum() - jumps[STEPS // 2 - 1]  # from episode to episode
     for known in ({"continuous": ["x"]}, {"angular": ["x"]}):
         assert examine_source(table(turning), **known).hints == ()
     (hint,) = examine_source(table(np.deg2rad(turning))).hints
@@ -101,9 +101,9 @@ def test_a_count_that_starts_again_at_360_looks_like_one() -> None:
 
 
 @quick
-@given(st.integers(0, 10_000), st.floats(0.5, 11), st.floats(0, 360))
+@given(st.integers(0, 10_000), st.floats(0.5, 16), st.floats(0, 360))
 def test_where_an_angle_begins_does_not_matter(seed: int, scale: float, first: float) -> None:
-    """All jumps count, whether an angle is counted from 0 or from -180: no step is near 60 degrees."""
+    """All jumps count, whether an angle is counted from 0 or from -180: no step is near 90 degrees."""
     angle = walk(seed, scale) + first
     within = np.ones(STEPS - 1, dtype=np.bool_)
     for form in (compass, signed):

@@ -20,7 +20,7 @@ from tvae.spaces import Categorical, Continuous, FloatArray, IntArray, Space
 _MOST_STEPS = 1 << 20
 """Steps that are looked at."""
 _FEWEST_WRAPS = 3
-_LEAST_WRAP = 5 / 6
+_LEAST_WRAP = 3 / 4
 """Of a turn: what counts as a jump by about one."""
 _LEAST_SHARE = 0.9
 _MOST_NAMES = 8
@@ -92,7 +92,7 @@ def wraps(values: FloatArray, within: NDArray[np.bool_], turn: float) -> int:
     """How often numbers (N,) pass the end of a turn, if they look like an angle that does, else 0.
 
     They do if all lie in [-turn / 2, turn / 2] or all in [0, turn], and of the steps d from one number to the next that
-    are longer than turn / 2 at least 3, and at least 9 in 10, have |d| >= 5/6 turn and are, the short way around,
+    are longer than turn / 2 at least 3, and at least 9 in 10, have |d| >= 3/4 turn and are, the short way around,
     turn - |d|, no longer than twice the longest of the other steps. So noise does not, as its long steps are of every
     length, nor do places between which one jumps. `within` (N - 1,) says which steps stay in one episode.
 
