@@ -8,6 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
+from tvae.export.compact import compact_json
 from tvae.export.manifest import FORMAT, NamedStyle, Written, manifest
 from tvae.export.parity import check_parity
 from tvae.export.policy import PolicyStep
@@ -78,6 +79,6 @@ def export_onnx(
             operators = write_onnx(graph.eval(), path)
             written.append(Written(graph, operators, check_parity(frozen, graph, path)))
             on_graph(len(written))
-        content = json.dumps(manifest(frozen, written, styles, degrees), indent=2, allow_nan=False)
+        content = compact_json(manifest(frozen, written, styles, degrees))
         (partial / MANIFEST).write_text(content + "\n", encoding="utf-8")
     return Export(directory, tuple(written))

@@ -76,11 +76,11 @@ def manifest(
         "policy": {"window": model.bot_window, "how_to_act": list(_ACT)},
         "imagination": {"window": model.window, "how_to_imagine": list(_IMAGINE)},
         "z": {"size": model.latent_features, "how_to_draw": _DRAW},
-        "styles": [_style(named) for named in styles],
         "parity": {
             "tolerance": TOLERANCE,
             "largest_difference": {written.graph.name: written.largest_difference for written in files},
         },
+        "styles": [_style(named) for named in styles],
     }
 
 
