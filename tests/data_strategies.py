@@ -26,6 +26,8 @@ floats = st.floats(allow_nan=False, allow_infinity=False)
 @st.composite
 def signals(draw: st.DrawFn, name: str) -> Signal:
     kind = draw(st.sampled_from([Continuous, Angular, Binary, Categorical]))
+    if kind is Angular:
+        return Angular(name, recorded_in_degrees=draw(st.booleans()))
     if kind is not Categorical:
         return kind(name)
     some = {"min_size": 1, "max_size": 3, "unique": True}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commands import call
+from commands import call, refused
 from data_strategies import assert_same, quick
 from tvae.data.arrays import from_arrays
 from tvae.data.estimates import interpolate
@@ -19,10 +19,10 @@ from tvae.data.preparation import Preparation
 from tvae.data.roles import Roles
 from tvae.data.sources import load_demonstrations, save_demonstrations
 from tvae.data.trajectory import DataError
-from tvae.data.validation import examine_source, validate
+from tvae.data.validation import examine_source, summarise, validate
 from tvae.experiments.remedies import options_for
 from tvae.experiments.source import Reading, Source
-from tvae.spaces import Angular, Continuous
+from tvae.spaces import Angular, Continuous, Space
 
 ROWS: dict[str, list[Any]] = {
     "episode": [0, 0, 0],
@@ -36,8 +36,8 @@ IN_DEGREES = Preparation(degrees=("heading", "action.turn"))
 
 def test_they_are_read_in_radians() -> None:
     kept = load_demonstrations(pa.table(ROWS), preparation=IN_DEGREES)
-    assert kept.observation_space.signals == (Angular("heading"), Continuous("x"))
-    assert kept.action_space.signals == (Angular("turn"),)
+    assert kept.observation_space.signals == (Angular("heading", recorded_in_degrees=True), Continuous("x"))
+    assert kept.action_space.signals == (Angular("turn", recorded_in_degrees=True),)
     np.testing.assert_allclose(kept.observations, [[0, 90], [np.pi / 2, 180], [2 * np.pi, 270]])
     np.testing.assert_allclose(kept.actions[:, 0], [np.pi / 2, -np.pi / 4, 0])
     assert_same(kept, load_demonstrations(pa.table(ROWS), angular=["heading"], preparation=IN_DEGREES))
@@ -84,12 +84,47 @@ def test_what_cannot_be(degrees: tuple[str, ...], kinds: dict[str, list[str]], m
         load_demonstrations(rows, preparation=Preparation(degrees=degrees), **kinds)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.tvae"])
-def test_what_is_in_radians_already_stays(tmp_path: Path, name: str) -> None:
+FORMS = ["{}/a.parquet", "{}/a.csv", "{}/a.tvae", "minari:{}/a"]
+CONVERTED = "column observation.heading: is said to be in degrees, but these have been converted to radians already"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_is_converted_is_not_converted_again(tmp_path: Path, form: str) -> None:
     kept = load_demonstrations(pa.table(ROWS), preparation=IN_DEGREES)
-    save_demonstrations(kept, tmp_path / name)
-    assert_same(load_demonstrations(tmp_path / name), kept)
-    assert_same(load_demonstrations(tmp_path / name, preparation=IN_DEGREES), kept)
+    save_demonstrations(kept, form.format(tmp_path))
+    assert_same(load_demonstrations(form.format(tmp_path)), kept)
+    assert_same(load_demonstrations(form.format(tmp_path), angular=["heading"]), kept)
+    with pytest.raises(DataError, match=CONVERTED):
+        load_demonstrations(form.format(tmp_path), preparation=IN_DEGREES)
+    spaces = {"observation_space": kept.observation_space, "action_space": kept.action_space}
+    assert_same(load_demonstrations(form.format(tmp_path), preparation=IN_DEGREES, **spaces), kept)
+    as_number = load_demonstrations(form.format(tmp_path), continuous=["heading"])
+    assert as_number.observation_space.signals[0] == Continuous("heading")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_files_without_the_note_are_in_radians(tmp_path: Path, form: str) -> None:
+    kept = load_demonstrations(pa.table(ROWS), angular=["heading", "turn"])
+    save_demonstrations(kept, form.format(tmp_path))
+    assert kept.observation_space.to_json()[0] == {"kind": "angular", "name": "heading"}
+    assert_same(load_demonstrations(form.format(tmp_path)), kept)
+    with pytest.raises(DataError, match="heading: is said to be in degrees, but was written here as an angle in radi"):
+        load_demonstrations(form.format(tmp_path), preparation=IN_DEGREES)
+
+
+def test_the_note_of_any_file_counts_for_all(tmp_path: Path) -> None:
+    noted = load_demonstrations(pa.table(ROWS), preparation=IN_DEGREES)
+    old = load_demonstrations(pa.table({**ROWS, "episode": [1, 1, 1]}), angular=["heading", "turn"])
+    save_demonstrations(old, tmp_path / "a.parquet")
+    save_demonstrations(noted, tmp_path / "b.csv")
+    both = load_demonstrations([tmp_path / "a.parquet", tmp_path / "b.csv"])
+    assert both.observation_space == noted.observation_space
+    assert both.action_space == noted.action_space
+
+
+def test_only_radians_and_degrees_are_units() -> None:
+    with pytest.raises(ValueError, match="an angle is recorded in radians or degrees, got 'turns'"):
+        Space.from_json([{"kind": "angular", "name": "heading", "recorded_unit": "turns"}])
 
 
 @pytest.mark.parametrize("name", ["a.parquet", "a.tvae", "minari:{}/walks"])
@@ -99,7 +134,7 @@ def test_what_was_kept_as_a_number_is_turned(tmp_path: Path, name: str) -> None:
     save_demonstrations(plain, target)
     path = str(target).removeprefix("minari:")
     kept = load_demonstrations(path, preparation=Preparation(degrees=("observation.0",)))
-    assert kept.observation_space.signals == (Angular("0"),)
+    assert kept.observation_space.signals == (Angular("0", recorded_in_degrees=True),)
     assert kept.action_space.signals == (Continuous("0"),)
     np.testing.assert_allclose(kept.observations[:, 0], [np.pi / 2, np.pi])
     with pytest.raises(DataError, match="column y: was given a kind"):
@@ -142,6 +177,38 @@ def test_a_run_keeps_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         call("embed", run, tmp_path / name, "--out", tmp_path / "out.parquet", "--force")
         tables.append(pq.read_table(tmp_path / "out.parquet"))
     assert tables[0].equals(tables[1])
+    call("export", run, "--out", tmp_path / "export")
+    manifest = json.loads((tmp_path / "export" / "manifest.json").read_text())
+    for column in (*manifest["observation"], *manifest["action"]):
+        assert (column["unit"], column["recorded_unit"]) == ("radians", "degrees")
+    config = json.loads((run / "config.json").read_text())
+    for column in (*config["observation_space"], *config["action_space"]):
+        del column["recorded_unit"]  # as earlier versions wrote it
+    (run / "config.json").write_text(json.dumps(config))
+    call("export", run, "--out", tmp_path / "export", "--force")
+    earlier = json.loads((tmp_path / "export" / "manifest.json").read_text())
+    assert (earlier["observation"], earlier["action"]) == (manifest["observation"], manifest["action"])
+
+
+def test_a_run_on_what_was_converted_knows_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, run = tmp_path / "walks.csv", tmp_path / "run"
+    rows = [f"{e},{t},{(e * 40 + 30 * t) % 360},{30 if e % 2 else -30}" for e in range(12) for t in range(4)]
+    path.write_text("\n".join(["episode,step,observation.heading,action.turn", *rows, ""]))
+    options = ("--degrees", "heading", "--degrees", "turn")
+    call("data", "convert", path, f"minari:{tmp_path}/walks", *options)
+    call("data", "convert", tmp_path / "walks", tmp_path / "radians.csv")
+    call("data", "convert", tmp_path / "radians.csv", tmp_path / "radians.parquet")
+    summary = summarise(load_demonstrations(tmp_path / "radians.parquet"))
+    assert [signal.kind for signal in summary.signals] == ["angular, from degrees"] * 2
+    capsys.readouterr()
+    said = refused(capsys, "data", "convert", tmp_path / "radians.parquet", tmp_path / "twice.csv", *options)
+    assert CONVERTED in " ".join(said.split())
+    assert not (tmp_path / "twice.csv").exists()
+    with pytest.raises(SystemExit):
+        call("data", "validate", tmp_path / "radians.parquet", "--degrees", "turn")
+    assert "leave --degrees action.turn out" in " ".join(capsys.readouterr().out.split())
+    steps = ("--training.num-steps", "2", "--training.evaluate-every", "1")
+    call("fit", tmp_path / "radians.parquet", "--out", run, *steps)
     call("export", run, "--out", tmp_path / "export")
     manifest = json.loads((tmp_path / "export" / "manifest.json").read_text())
     for column in (*manifest["observation"], *manifest["action"]):

@@ -26,6 +26,7 @@ from tvae.envs import zombie_dynamics
 from tvae.envs.zombie import ZombieAttackVectorEnv, success
 from tvae.export import parity
 from tvae.export.bundle import Export, export_onnx, graphs
+from tvae.export.compact import compact_json
 from tvae.export.draws import category, normal, von_mises
 from tvae.export.engines import ENGINES
 from tvae.export.manifest import named_styles
@@ -267,6 +268,34 @@ def test_the_manifest_tells_of_styles(zombie: Path) -> None:
     assert told["parity"]["largest_difference"].keys() == told["graphs"].keys()
     assert max(told["parity"]["largest_difference"].values()) <= told["parity"]["tolerance"] == 1e-5
     assert {"name", "version"} == set().union(*(engine.keys() for engine in told["engines"]))
+
+
+def test_the_manifest_can_be_read_by_people(zombie: Path) -> None:
+    lines = (zombie / "manifest.json").read_text().splitlines()
+    assert len(lines) < 300
+    long = [line for line in lines if len(line) > 120]
+    numbers = [line for line in long if re.match(r' *"(means|deviations)": \[\[', line)]
+    assert len(numbers) == 2 * 2
+    sentences = [line for line in long if line not in numbers]
+    assert all(line.count('"') == 2 or re.match(r' *"how_to_draw": "', line) for line in sentences)
+
+
+@settings(max_examples=50)
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+        lambda inner: st.lists(inner, max_size=30) | st.dictionaries(st.text(max_size=40), inner, max_size=5),
+        max_leaves=60,
+    )
+)
+def test_short_json_says_the_same(data: Any) -> None:
+    assert json.loads(compact_json(data)) == data
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_json_has_no_infinity(number: float) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        compact_json({"means": [[number]] * 100})
 
 
 def test_what_is_there_is_replaced_only_on_demand(

@@ -20,7 +20,7 @@ from tvae.data.minari_source import find_minari, is_minari_id, minari_root, read
 from tvae.data.minari_target import write_minari
 from tvae.data.preparation import Preparation
 from tvae.data.sources import load_demonstrations
-from tvae.data.tabular import read_table, write_parquet
+from tvae.data.tabular import read_table, write_csv, write_parquet
 from tvae.data.trajectory import DataError, Trajectory
 from tvae.gymnasium_spaces import space_from_gymnasium
 from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
@@ -94,7 +94,11 @@ def test_nothing_is_lost(tmp_path_factory: pytest.TempPathFactory, kept: Demonst
     from_minari = read_minari(directory / "walks")
     assert_same(from_minari, kept)
     write_parquet(from_minari, directory / "walks.parquet")
-    assert_same(read_table(directory / "walks.parquet"), kept)
+    from_parquet = read_table(directory / "walks.parquet")
+    assert_same(from_parquet, kept)
+    write_csv(from_parquet, directory / "walks.csv")
+    write_minari(read_table(directory / "walks.csv"), directory / "again")
+    assert_same(read_minari(directory / "again"), kept)
 
 
 def test_minari_opens_what_we_write(root: Path) -> None:

@@ -157,7 +157,7 @@ def test_numbers_as_text_and_names_are_no_categories() -> None:
     }
     found = validate(pa.table(table), preparation=Preparation(roles=Roles("match", "t", ("jump",))))
     assert [options_for(issue) for issue in found] == [
-        "--continuous ping, --angular ping or --categorical ping; or --ignore ping",
+        "--continuous ping, --angular ping (in radians), --degrees ping or --categorical ping; or --ignore ping",
         "--ignore when or --categorical when",
     ]
     kept = read(Roles("match", "t", ("jump",)), table, continuous=["ping"], categorical=["when"])

@@ -43,6 +43,8 @@ class Angular:
     """A direction in radians; values that differ by 2 pi are the same direction."""
 
     name: str
+    recorded_in_degrees: bool = False
+    """Whether the recording had it in degrees, as whoever acts on it does; the raw value is in radians even so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,7 @@ _KINDS: dict[str, type[Signal]] = {
     "binary": Binary,
 }
 _KIND_NAMES = {cls: name for name, cls in _KINDS.items()}
+_DEGREES, _RADIANS = "degrees", "radians"
 
 
 def kind_name(signal: Signal) -> str:
@@ -209,12 +212,14 @@ class Space:
             entry: dict[str, Any] = {"kind": kind_name(signal), "name": signal.name}
             if isinstance(signal, Categorical):
                 entry["categories"] = list(signal.categories)
+            if isinstance(signal, Angular) and signal.recorded_in_degrees:
+                entry["recorded_unit"] = _DEGREES
             result.append(entry)
         return result
 
     @classmethod
     def from_json(cls, data: Sequence[Mapping[str, Any]]) -> Space:
-        """The space that `to_json` wrote.
+        """The space that `to_json` wrote; angles of which no unit is noted were recorded in radians.
 
         >>> space = Space((Categorical("move", ("left", "right")), Continuous("x")))
         >>> Space.from_json(space.to_json()) == space
@@ -227,6 +232,11 @@ class Space:
                 raise ValueError(f"signal kind must be one of {', '.join(_KINDS)}, got {kind!r}")
             if kind == "categorical":
                 signals.append(Categorical(str(entry["name"]), tuple(entry["categories"])))
+            elif kind == "angular":
+                unit = entry.get("recorded_unit", _RADIANS)
+                if unit not in (_RADIANS, _DEGREES):
+                    raise ValueError(f"an angle is recorded in {_RADIANS} or {_DEGREES}, got {unit!r}")
+                signals.append(Angular(str(entry["name"]), recorded_in_degrees=unit == _DEGREES))
             else:
                 signals.append(_KINDS[kind](str(entry["name"])))  # type: ignore[call-arg]
         return cls(tuple(signals))

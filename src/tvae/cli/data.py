@@ -9,6 +9,7 @@ from typing import Literal
 from rich.markup import escape
 
 from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
+from tvae.data.hints import hints
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import examine_source, summarise
 from tvae.experiments.remedies import doubts, options_for
@@ -29,7 +30,7 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
     out
         Directory for overview.png and overview.svg: lengths, the distribution of every signal, a few episodes.
     """
-    demonstrations = Source(data, columns).load()
+    demonstrations, decided = Source(data, columns).read()
     summary = summarise(demonstrations)
     shortest, _, median, _, longest = summary.length_quantiles
     CONSOLE.print(
@@ -40,6 +41,8 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
     CONSOLE.print(signals_table(summary))
     for doubt in doubts(summary):
         CONSOLE.print(doubt, style="yellow", highlight=False, markup=False)
+    for hint in hints(demonstrations, decided):
+        CONSOLE.print(f"Hint: {hint}; {options_for(hint)}", highlight=False, markup=False)
     if columns.left_over is not None:
         CONSOLE.print(columns.left_over, highlight=False)
     for attribute in summary.attributes:
@@ -80,6 +83,8 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     if found.issues:
         sys.exit(1)
     CONSOLE.print(f"{data} can be read so" if found.suspicions else f"{data} is sound", markup=False)
+    for hint in found.hints:
+        CONSOLE.print(f"Hint: {hint}; {options_for(hint)}", highlight=False, markup=False)
     if columns.left_over is not None:
         CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False)
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tvae.data.issues import Issue
+from tvae.data.issues import Issue, Remedy
 from tvae.data.table_roles import named_kinds
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.texts import as_numbers, no_numbers
-from tvae.spaces import Angular, Signal
+from tvae.spaces import Angular, Signal, Space
 
 RADIANS_PER_DEGREE = math.pi / 180
 
@@ -31,17 +32,53 @@ def with_degrees(
     return {**kinds, **angles}, list(angles), issues
 
 
-def without_radians(columns: Sequence[str], schema: TableSchema | None, recorded: Mapping[str, str]) -> list[str]:
-    """The columns that are not yet in radians: what we wrote as an angle is."""
-    if schema is None:
-        return list(columns)
-    ours = [
-        prefix + signal.name
-        for prefix, space in ((OBSERVATION, schema.observation_space), (ACTION, schema.action_space))
+def angles(observation_space: Space, action_space: Space) -> dict[str, Angular]:
+    """The angles of two spaces by the names of their columns.
+
+    >>> angles(Space((Angular("heading"),)), Space(())).keys()
+    dict_keys(['observation.heading'])
+    """
+    return {
+        prefix + signal.name: signal
+        for prefix, space in ((OBSERVATION, observation_space), (ACTION, action_space))
         for signal in space.signals
         if isinstance(signal, Angular)
-    ]
+    }
+
+
+def without_radians(columns: Sequence[str], schema: TableSchema | None, recorded: Mapping[str, str]) -> list[str]:
+    """The columns that are not yet in radians: what we wrote as an angle is."""
+    ours = {} if schema is None else angles(schema.observation_space, schema.action_space)
     return [column for column in columns if recorded.get(column, column) not in ours]
+
+
+def radians_issue(column: str, angle: Angular | None) -> Issue:
+    """That a column that is in radians already is said to be in degrees; `angle` is what is known of it, if anything.
+
+    >>> print(radians_issue("action.turn", Angular("turn", recorded_in_degrees=True)))
+    column action.turn: is said to be in degrees, but these have been converted to radians already
+    """
+    if angle is not None and angle.recorded_in_degrees:
+        message = "is said to be in degrees, but these have been converted to radians already"
+    else:
+        message = "is said to be in degrees, but was written here as an angle in radians"
+    return Issue(message, column=column, remedy=Remedy.OMIT_DEGREES)
+
+
+def noted(space: Space, prefix: str, columns: Collection[str]) -> Space:
+    """The same space, in which angles in these columns were recorded in degrees.
+
+    >>> noted(Space((Angular("turn"),)), "action.", ["action.turn"]).signals
+    (Angular(name='turn', recorded_in_degrees=True),)
+    """
+    return Space(
+        tuple(
+            replace(signal, recorded_in_degrees=True)
+            if isinstance(signal, Angular) and prefix + signal.name in columns
+            else signal
+            for signal in space.signals
+        )
+    )
 
 
 def in_radians(table: pa.Table, columns: Collection[str]) -> pa.Table:

@@ -17,6 +17,14 @@ class Remedy(Enum):
     """Whether the column is a number, an angle or a category."""
     SAY_DEGREES = auto()
     """That the column is an angle in degrees."""
+    SAY_ANGLE_IN_DEGREES = auto()
+    """That a number is an angle in degrees."""
+    SAY_ANGLE = auto()
+    """That a number is an angle in radians."""
+    SAY_NUMBER = auto()
+    """That a category is a number."""
+    OMIT_DEGREES = auto()
+    """Not to say that the column is an angle in degrees."""
     SAY_DECIMAL = auto()
     """That decimals are marked by a comma."""
     SAY_CATEGORY_OR_IGNORE = auto()

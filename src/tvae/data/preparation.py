@@ -50,8 +50,9 @@ class Preparation:
     nulls: tuple[str, ...] = ()
     """Texts that stand for a missing value, such as `lost`."""
     degrees: tuple[str, ...] = ()
-    """Columns of angles in degrees, such as `heading`, or patterns; they are read in radians. Where a table that we
-    wrote, or a source that is no table, has an angle already, it is in radians and stays as it is."""
+    """Columns of angles in degrees, such as `heading`, or patterns; they are read in radians. An angle in a table that
+    we wrote, or in a source that is no table, is in radians already and refused, unless the spaces are given: then it
+    stays as it is, so that a model which learned from degrees also reads what was converted."""
     player: str | None = None
     """Column of the player whose row it is. Each player's rows are an episode, called EPISODE/PLAYER; the fact
     `session` is what the column `episode` says."""

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from tvae.data.columns import KindError, decode, encode, signal_of
-from tvae.data.degrees import RADIANS_PER_DEGREE, with_degrees
+from tvae.data.degrees import RADIANS_PER_DEGREE, angles, noted, radians_issue, with_degrees
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.table_roles import named_kinds
 from tvae.data.table_schema import ACTION, OBSERVATION
@@ -22,7 +22,8 @@ def with_kinds(
 ) -> Demonstrations:
     """Take columns, such as `observation.heading` or `heading`, as signals of another kind.
 
-    Those that are named in `degrees` become angles; what is an angle already is in radians and stays as it is.
+    Those that are named in `degrees` become angles; what is an angle already is in radians and stays as it is
+    (`check_degrees` refuses it).
 
     Raises `DataError` for an unknown column and for values that cannot be of that kind.
 
@@ -30,19 +31,13 @@ def with_kinds(
     >>> from tvae.spaces import Angular
     >>> walk = from_arrays([np.zeros((4, 1))], [np.ones((3, 1))])
     >>> with_kinds(walk, {"action.0": Angular}).action_space.signals
-    (Angular(name='0'),)
+    (Angular(name='0', recorded_in_degrees=False),)
     """
-    columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
-    columns += [ACTION + name for name in demonstrations.action_space.names]
-    kinds, issues = named_kinds(kinds, columns, {})
-    kinds, angles, found = with_degrees(kinds, degrees, columns, {})
-    issues += found
-    if issues:
-        raise DataError(str(issues[0]))
+    kinds, in_degrees = told(demonstrations, kinds, degrees)
     observation_space, observations = _changed(
-        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds, angles
+        OBSERVATION, demonstrations.observation_space, demonstrations.observations, kinds, in_degrees
     )
-    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds, angles)
+    action_space, actions = _changed(ACTION, demonstrations.action_space, demonstrations.actions, kinds, in_degrees)
     return replace(
         demonstrations,
         observation_space=observation_space,
@@ -52,11 +47,37 @@ def with_kinds(
     )
 
 
+def check_degrees(demonstrations: Demonstrations, degrees: Sequence[str]) -> None:
+    """Raise `DataError` for a column that is said to be in degrees, and is an angle in radians already."""
+    known = angles(demonstrations.observation_space, demonstrations.action_space)
+    for column in told(demonstrations, {}, degrees)[1]:
+        if column in known:
+            raise DataError(str(radians_issue(column, known[column])))
+
+
+def told(
+    demonstrations: Demonstrations, kinds: Mapping[str, type[Signal]], degrees: Sequence[str]
+) -> tuple[dict[str, type[Signal]], list[str]]:
+    """The kind of each column that is meant, by its whole name, and which of them are in degrees.
+
+    Raises `DataError` for an unknown column.
+    """
+    columns = [OBSERVATION + name for name in demonstrations.observation_space.names]
+    columns += [ACTION + name for name in demonstrations.action_space.names]
+    named, issues = named_kinds(kinds, columns, {})
+    named, in_degrees, found = with_degrees(named, degrees, columns, {})
+    issues += found
+    if issues:
+        raise DataError(str(issues[0]))
+    return named, in_degrees
+
+
 def _changed(
     prefix: str, space: Space, rows: FloatArray, kinds: Mapping[str, type[Signal]], degrees: Collection[str]
 ) -> tuple[Space, FloatArray]:
     """The space and, copied only where values change, its rows (N, C)."""
     signals = list(space.signals)
+    turned: list[str] = []
     for index, old in enumerate(space.signals):
         kind = kinds.get(prefix + old.name, type(old))
         if kind is type(old):
@@ -70,7 +91,8 @@ def _changed(
             raise DataError(f"column {prefix}{old.name}: {error}") from None
         if prefix + old.name in degrees:
             encoded = encoded * RADIANS_PER_DEGREE
+            turned.append(prefix + old.name)
         if not np.array_equal(encoded, column):
             rows = np.array(rows)
             rows[:, index] = encoded
-    return Space(tuple(signals)), rows
+    return noted(Space(tuple(signals)), prefix, turned), rows

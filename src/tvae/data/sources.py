@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +13,13 @@ from tvae.data.minari_source import find_minari, is_minari_id, minari_root, read
 from tvae.data.minari_target import write_minari
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.raw_table import RawTable
-from tvae.data.reinterpretation import with_kinds
+from tvae.data.reinterpretation import check_degrees, told, with_kinds
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name
+from tvae.data.table_rows import Decided, examine
 from tvae.data.tables import DataSource, open_directory, open_table, title
-from tvae.data.tabular import demonstrations_of, write_csv, write_parquet
+from tvae.data.tabular import whole, write_csv, write_parquet
 from tvae.data.trajectory import DataError
-from tvae.spaces import Space
+from tvae.spaces import Signal, Space
 
 MINARI_PREFIX = "minari:"
 DIRECTORY_SUFFIX = ".tvae"
@@ -62,29 +63,42 @@ def load_demonstrations(
     >>> import pyarrow as pa
     >>> rows = {"episode": [0, 0], "step": [0, 1], "observation.x": [0.5, 1.5], "action.heading": [3.1, -3.1]}
     >>> load_demonstrations(pa.table(rows), angular=["action.heading"]).action_space.signals
-    (Angular(name='heading'),)
+    (Angular(name='heading', recorded_in_degrees=False),)
     """
     kinds = kinds_by_column(angular, continuous, categorical, binary)
+    return read_source(
+        source, kinds, preparation, observation_space=observation_space, action_space=action_space
+    )[0]
+
+
+def read_source(
+    source: DataSource,
+    kinds: Mapping[str, type[Signal]],
+    preparation: Preparation,
+    *,
+    observation_space: Space | None = None,
+    action_space: Space | None = None,
+) -> tuple[Demonstrations, Decided]:
+    """What `load_demonstrations` gives, and who decided what each column is. Raises `DataError` likewise."""
     raw = open_any_table(source, preparation)
     if raw is not None:
-        return demonstrations_of(
-            raw,
-            title(source),
-            kinds=kinds,
-            preparation=preparation,
-            observation_space=observation_space,
-            action_space=action_space,
+        examined = examine(
+            raw, kinds=kinds, preparation=preparation, observation_space=observation_space, action_space=action_space
         )
+        return whole(examined, title(source)), examined.decided
     assert isinstance(source, str | Path)
     if preparation != replace(AS_RECORDED, degrees=preparation.degrees, columns=preparation.columns):
         raise DataError(f"{source}: {_NO_TABLE}")
     demonstrations = _read(source, preparation.columns)
     try:
+        if observation_space is None and action_space is None:
+            check_degrees(demonstrations, preparation.degrees)
+        decided = Decided(by_user=frozenset(told(demonstrations, kinds, preparation.degrees)[0]))
         demonstrations = with_kinds(demonstrations, kinds, preparation.degrees)
         check_spaces(demonstrations, observation_space, action_space)
     except DataError as error:
         raise DataError(f"{source}: {error}") from None
-    return demonstrations
+    return demonstrations, decided
 
 
 def open_any_table(source: DataSource, preparation: Preparation) -> RawTable | None:

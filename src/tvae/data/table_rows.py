@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from tvae.data.columns import plain
-from tvae.data.degrees import in_radians, with_degrees, without_radians
+from tvae.data.degrees import angles, in_radians, noted, radians_issue, with_degrees, without_radians
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import MissingRule
 from tvae.data.filling import filled
@@ -31,11 +31,21 @@ _NAMING = {"episode": Remedy.NAME_EPISODE, "step": Remedy.NAME_STEP}
 
 
 @dataclass(frozen=True)
+class Decided:
+    """Which columns of signals, such as `observation.x`, are of their kind by whose word; others by a schema."""
+
+    by_user: frozenset[str] = frozenset()
+    by_type: frozenset[str] = frozenset()
+    """Those of which nothing was known but the type of their values."""
+
+
+@dataclass(frozen=True)
 class Examined:
     """What a table holds: demonstrations, or the issues that keep it from being any."""
 
     demonstrations: Demonstrations | None
     issues: tuple[Issue, ...]
+    decided: Decided = Decided()
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,12 @@ def examine(
     kinds, issues = named_kinds(kinds, own.table.column_names, own.recorded)
     kinds, degrees, found_issues = with_degrees(kinds, preparation.degrees, own.table.column_names, own.recorded)
     issues += found_issues
+    to_turn = without_radians(degrees, raw.schema, own.recorded)
+    if observation_space is None and action_space is None and raw.schema is not None:
+        ours = angles(raw.schema.observation_space, raw.schema.action_space)
+        issues += [
+            radians_issue(name, ours.get(own.recorded.get(name, name))) for name in degrees if name not in to_turn
+        ]
     issues = [*_layout_issues(raw.table, own, preparation), *issues]
     names = own.table.column_names
     if len(set(names)) < len(names) or raw.table.num_rows == 0:
@@ -78,13 +94,22 @@ def examine(
     else:
         table = pa.table([plain(column) for column in own.table.columns], names=names)
         table = without_nulls(table, preparation.nulls) if preparation.nulls else table
-        own = replace(own, table=in_radians(table, without_radians(degrees, raw.schema, own.recorded)))
+        own = replace(own, table=in_radians(table, to_turn))
         if own.issues or issues:
             found = Examined(None, (*issues, *column_issues(own.table, kinds, own.schema)))
         else:
             found = _examined(own.table, own.schema, kinds, preparation, observation_space, action_space)
+            found = _with_units(found, to_turn)
     issues = [*raw.issues, *own.issues, *map(own.as_recorded, found.issues)]
-    return Examined(None if issues else found.demonstrations, tuple(issues))
+    unknown = [
+        prefix
+        for prefix, space in ((OBSERVATION, observation_space), (ACTION, action_space))
+        if space is None and own.schema is None
+    ]
+    by_type = frozenset(name for name in names if name.startswith(tuple(unknown)) and name not in kinds)
+    return Examined(
+        None if issues else found.demonstrations, tuple(issues), Decided(frozenset(kinds), by_type)
+    )
 
 
 def _examined(
@@ -145,6 +170,15 @@ def _examined(
         attributes={"episode": index.episodes, **attributes},
     )
     return Examined(demonstrations, ())
+
+
+def _with_units(examined: Examined, degrees: Collection[str]) -> Examined:
+    """The same, noting which columns were recorded in degrees."""
+    kept = examined.demonstrations
+    if kept is None or not degrees:
+        return examined
+    spaces = noted(kept.observation_space, OBSERVATION, degrees), noted(kept.action_space, ACTION, degrees)
+    return replace(examined, demonstrations=replace(kept, observation_space=spaces[0], action_space=spaces[1]))
 
 
 def _layout_issues(recorded: pa.Table, own: Arranged, preparation: Preparation) -> list[Issue]:

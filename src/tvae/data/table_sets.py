@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from tvae.data.csv_files import AS_WRITTEN, CsvFormat
+from tvae.data.degrees import angles, noted
 from tvae.data.raw_table import RawTable
 from tvae.data.roles import AS_NAMED, Roles
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name, read_table_file
-from tvae.data.table_schema import TableSchema
+from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.texts import no_numbers
 from tvae.data.trajectory import DataError
 
@@ -158,7 +160,10 @@ def _with_text(table: pa.Table, name: str) -> pa.Table:
 
 
 def _common_schema(paths: Sequence[Path], schemas: Sequence[TableSchema | None]) -> TableSchema | None:
-    """What we wrote about all files; nothing where we did not write all of them."""
+    """What we wrote about all files; nothing where we did not write all of them.
+
+    An angle counts as recorded in degrees where any file says so: old ones could not.
+    """
     first, known = schemas[0], [schema for schema in schemas if schema is not None]
     if first is None or len(known) < len(schemas):
         return None
@@ -170,4 +175,14 @@ def _common_schema(paths: Sequence[Path], schemas: Sequence[TableSchema | None])
             differences = mine.differences(other)
             if differences:
                 raise DataError(f"{path}: {what} differ from those of {paths[0]}: {'; '.join(differences)}")
-    return first.over(sum(schema.num_rows for schema in known))
+    in_degrees = [
+        column
+        for schema in known
+        for column, angle in angles(schema.observation_space, schema.action_space).items()
+        if angle.recorded_in_degrees
+    ]
+    return replace(
+        first.over(sum(schema.num_rows for schema in known)),
+        observation_space=noted(first.observation_space, OBSERVATION, in_degrees),
+        action_space=noted(first.action_space, ACTION, in_degrees),
+    )

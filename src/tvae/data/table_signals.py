@@ -74,8 +74,9 @@ def read_signals(
             empty = np.ones(table.num_rows, np.bool_)
             issues += index.issue(empty, column, "is empty in the whole table", Remedy.IGNORE)
             continue
-        known = None if given is None or column in kinds else given.signals[given.column(name)]
-        wanted = kinds.get(column) if known is None else type(known)
+        known = None if given is None else given.signals[given.column(name)]
+        wanted = kinds.get(column, None if known is None else type(known))
+        known = known if type(known) is wanted else None
         stray = _stray_text(values, wanted)
         if stray.any():
             message = _STRAY.format(some_of(values, stray))

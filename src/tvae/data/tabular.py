@@ -13,7 +13,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +27,13 @@ from tvae.data.columns import KindError, decode, kinds_by_column
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
-from tvae.data.raw_table import RawTable
 from tvae.data.table_files import METADATA_KEY, has_tabs, is_csv_name, is_parquet_name, schema_path
-from tvae.data.table_rows import examine
+from tvae.data.table_rows import Examined, examine
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.tables import DataSource, open_table, title
 from tvae.data.trajectory import DataError
 from tvae.files import appearing
-from tvae.spaces import FloatArray, IntArray, Signal, Space
+from tvae.spaces import FloatArray, IntArray, Space
 
 _BLOCK_STEPS = 1 << 20
 
@@ -70,29 +69,18 @@ def read_table(
     raw = open_table(source, preparation)
     if raw is None:
         raise DataError(f"{title(source)}: no table, but a directory or an id")
-    return demonstrations_of(
+    examined = examine(
         raw,
-        title(source),
         kinds=kinds_by_column(angular, continuous, categorical, binary),
         preparation=preparation,
         observation_space=observation_space,
         action_space=action_space,
     )
+    return whole(examined, title(source))
 
 
-def demonstrations_of(
-    raw: RawTable,
-    where: str,
-    *,
-    kinds: Mapping[str, type[Signal]],
-    preparation: Preparation,
-    observation_space: Space | None,
-    action_space: Space | None,
-) -> Demonstrations:
-    """Demonstrations from rows. Raises `DataError` with `where` they are and the first problem."""
-    examined = examine(
-        raw, kinds=kinds, preparation=preparation, observation_space=observation_space, action_space=action_space
-    )
+def whole(examined: Examined, where: str) -> Demonstrations:
+    """What a table holds; raises `DataError` with `where` it is and the first problem, if there is one."""
     if examined.demonstrations is None:
         more = len(examined.issues) - 1
         others = f" (and {more} other kind{'s' if more > 1 else ''} of problem)" if more else ""

@@ -12,16 +12,17 @@ import pyarrow as pa
 
 from tvae.data.columns import kinds_by_column
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.hints import hints
 from tvae.data.issues import Issue, Remedy
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
-from tvae.data.sources import load_demonstrations, open_any_table
+from tvae.data.sources import open_any_table, read_source
 from tvae.data.table_rows import Examined, examine
 from tvae.data.table_schema import ACTION, OBSERVATION
 from tvae.data.tables import DataSource
 from tvae.data.texts import first_with_mark
 from tvae.data.trajectory import Attribute, DataError
-from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe, kind_name
+from tvae.spaces import Angular, Binary, Categorical, FloatArray, IntArray, Signal, Space, describe
 
 _BLOCK_STEPS = 1 << 20
 _MOST_VALUES = 20
@@ -71,6 +72,8 @@ class Soundness:
     """What keeps it from being read."""
     suspicions: tuple[Issue, ...]
     """What can be read, but is perhaps not meant so; nothing where there are issues."""
+    hints: tuple[Issue, ...] = ()
+    """What may have been forgotten (`tvae.data.hints`); nothing where there are issues."""
 
 
 def examine_source(
@@ -99,7 +102,11 @@ def examine_source(
     )
     if examined.demonstrations is None:
         return Soundness(examined.issues, ())
-    return Soundness((), tuple(suspicions(summarise(examined.demonstrations))))
+    return Soundness(
+        (),
+        tuple(suspicions(summarise(examined.demonstrations))),
+        tuple(hints(examined.demonstrations, examined.decided)),
+    )
 
 
 def _examined(
@@ -112,20 +119,13 @@ def _examined(
     preparation: Preparation,
 ) -> Examined:
     try:
+        kinds = kinds_by_column(angular, continuous, categorical, binary)
         raw = open_any_table(source, preparation)
         if raw is None:
-            demonstrations = load_demonstrations(
-                source,
-                angular=angular,
-                continuous=continuous,
-                categorical=categorical,
-                binary=binary,
-                preparation=preparation,
-            )
-            return Examined(demonstrations, ())
+            demonstrations, decided = read_source(source, kinds, preparation)
+            return Examined(demonstrations, (), decided)
     except DataError as error:
         return Examined(None, (Issue(str(error)),))
-    kinds = kinds_by_column(angular, continuous, categorical, binary)
     return examine(raw, kinds=kinds, preparation=preparation)
 
 
@@ -136,7 +136,7 @@ class SignalSummary:
     column: str
     """Such as `observation.x`."""
     kind: str
-    """Such as `continuous` or `categorical (3)`."""
+    """Such as `continuous`, `categorical (3)` or `angular, from degrees`."""
     minimum: float | None
     mean: float | None
     """Of angles the direction of the mean vector."""
@@ -180,7 +180,7 @@ def suspicions(summary: Summary) -> Iterator[Issue]:
         if with_comma is not None:
             message = f"is a category, but has values such as {with_comma!r}: are they numbers with a decimal comma?"
             yield Issue(message, column=signal.column, remedy=Remedy.SAY_DECIMAL)
-        if signal.kind != kind_name(Angular(signal.column)) or signal.minimum is None or signal.maximum is None:
+        if signal.kind != describe(Angular(signal.column)) or signal.minimum is None or signal.maximum is None:
             continue
         if max(-signal.minimum, signal.maximum) > _FULL_TURN:
             message = (
@@ -258,4 +258,6 @@ def _signal(column: str, signal: Signal, parts: Iterator[FloatArray]) -> SignalS
             total += np.exp(1j * part).sum() if isinstance(signal, Angular) else part.sum()
         count += len(part)
     mean = float(np.angle(total)) if isinstance(signal, Angular) else total.real / count
-    return SignalSummary(column, describe(signal), lowest, mean, highest, ())
+    in_degrees = isinstance(signal, Angular) and signal.recorded_in_degrees
+    kind = f"{describe(signal)}, from degrees" if in_degrees else describe(signal)
+    return SignalSummary(column, kind, lowest, mean, highest, ())

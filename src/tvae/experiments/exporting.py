@@ -33,7 +33,7 @@ def styles_of(directory: Path) -> tuple[NamedStyle, ...]:
 
 
 def recorded_in_degrees(model: TrajectoryVAE, run: RunDirectory) -> list[str]:
-    """The columns of a model whose recordings were in degrees, as far as its run knows; a model alone knows of none."""
+    """The columns of which a run says `--degrees`; models of later versions know it themselves."""
     if "run" not in read_json(run.config):
         return []
     names = [OBSERVATION + name for name in model.observation_space.names]

@@ -12,8 +12,13 @@ _OPTIONS: Mapping[Remedy, str] = {
     Remedy.NAME_STEP: "name it: --step COLUMN where steps are numbered 0, 1, 2, ..., else --time COLUMN",
     Remedy.NAME_ACTIONS: "name them, or a pattern: --action COLUMN, once for each",
     Remedy.NAME_OBSERVATIONS: "with --action, what is left over are observations; or name them: --observation COLUMN",
-    Remedy.SAY_KIND: "--continuous {column}, --angular {column} or --categorical {column}; or --ignore {column}",
+    Remedy.SAY_KIND: "--continuous {column}, --angular {column} (in radians), --degrees {column} or "
+    "--categorical {column}; or --ignore {column}",
     Remedy.SAY_DEGREES: "--degrees {column}, instead of --angular {column}, takes it for an angle in degrees",
+    Remedy.SAY_ANGLE_IN_DEGREES: "--degrees {column} takes it for one, --continuous {column} says that it is none",
+    Remedy.SAY_ANGLE: "--angular {column} takes it for one, --continuous {column} says that it is none",
+    Remedy.SAY_NUMBER: "--continuous COLUMN takes one for a number, --binary COLUMN for yes (1) or no (0)",
+    Remedy.OMIT_DEGREES: "leave --degrees {column} out",
     Remedy.SAY_DECIMAL: "--decimal , reads them as numbers, of CSV files; or --categorical {column}",
     Remedy.SAY_CATEGORY_OR_IGNORE: "--ignore {column} or --categorical {column}",
     Remedy.SAY_TEXT_IS_MISSING: "--null TEXT reads a text as a missing value; or --categorical {column}",
@@ -36,6 +41,6 @@ def options_for(issue: Issue) -> str | None:
     """The options that mend an issue; None where the recording itself must be mended.
 
     >>> options_for(Issue("holds 99 different integers", column="hp", remedy=Remedy.SAY_KIND))
-    '--continuous hp, --angular hp or --categorical hp; or --ignore hp'
+    '--continuous hp, --angular hp (in radians), --degrees hp or --categorical hp; or --ignore hp'
     """
     return None if issue.remedy is None else _OPTIONS[issue.remedy].replace("{column}", issue.column or "COLUMN")

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from tvae.data.columns import kinds_by_column
 from tvae.data.csv_files import CsvFormat
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import Estimate, MissingRule, drop_episode, hold_last, in_turn, interpolate
 from tvae.data.preparation import Clock, Preparation
 from tvae.data.roles import Roles
 from tvae.data.segments import segment, segment_at_event, segment_by_column
-from tvae.data.sources import load_demonstrations
+from tvae.data.sources import read_source
+from tvae.data.table_rows import Decided
 from tvae.data.table_sets import is_pattern
 from tvae.data.trajectory import DataError
 from tvae.spaces import Space
@@ -148,17 +150,21 @@ class Source:
 
         `DataError` says what is wrong with them.
         """
-        demonstrations = load_demonstrations(
+        return self.read(observation_space, action_space)[0]
+
+    def read(
+        self, observation_space: Space | None = None, action_space: Space | None = None
+    ) -> tuple[Demonstrations, Decided]:
+        """The same, and who decided what each column is."""
+        reading = self.reading
+        demonstrations, decided = read_source(
             self.path,
-            angular=self.reading.angular,
-            continuous=self.reading.continuous,
-            categorical=self.reading.categorical,
-            binary=self.reading.binary,
-            preparation=self.reading.preparation,
+            kinds_by_column(reading.angular, reading.continuous, reading.categorical, reading.binary),
+            reading.preparation,
             observation_space=observation_space,
             action_space=action_space,
         )
-        return self.reading.cut(demonstrations)
+        return reading.cut(demonstrations), decided
 
     def absolute(self) -> Source:
         """The same, found from any working directory."""

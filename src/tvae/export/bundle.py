@@ -8,6 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
+from tvae.export.compact import compact_json
 from tvae.export.manifest import FORMAT, NamedStyle, Written, manifest
 from tvae.export.parity import check_parity
 from tvae.export.policy import PolicyStep
@@ -60,8 +61,8 @@ def export_onnx(
     """Write `policy_step.onnx`, `state_decoder.onnx`, `encoder.onnx` and `manifest.json`, all of them or none.
 
     Each graph is run in ONNX Runtime and compared with PyTorch before anything appears. `on_graph` is told how many
-    are done. The manifest says of columns that are named in `degrees`, such as `observation.heading`, that they were
-    recorded in degrees; the graphs read and write all angles in radians.
+    are done. The manifest says which angles were recorded in degrees: those of which the model's spaces say it, and
+    columns that are named in `degrees`, such as `observation.heading`. The graphs read and write radians.
 
     Raises `ExportError` where a package is missing or the two differ by more than 1e-5, and `FileExistsError` for a
     directory that exists unless `overwrite`, and also then where it is no export.
@@ -78,6 +79,6 @@ def export_onnx(
             operators = write_onnx(graph.eval(), path)
             written.append(Written(graph, operators, check_parity(frozen, graph, path)))
             on_graph(len(written))
-        content = json.dumps(manifest(frozen, written, styles, degrees), indent=2, allow_nan=False)
+        content = compact_json(manifest(frozen, written, styles, degrees))
         (partial / MANIFEST).write_text(content + "\n", encoding="utf-8")
     return Export(directory, tuple(written))

@@ -59,7 +59,10 @@ class Written:
 def manifest(
     model: TrajectoryVAE, files: Sequence[Written], styles: Sequence[NamedStyle], degrees: Collection[str] = ()
 ) -> dict[str, Any]:
-    """The content of `manifest.json`, plain data; columns that are named in `degrees` were recorded so."""
+    """The content of `manifest.json`, plain data.
+
+    Columns that are named in `degrees` were recorded so, besides those of which the model's spaces say it.
+    """
     return {
         "format": FORMAT,
         "schema_version": SCHEMA_VERSION,
@@ -73,11 +76,11 @@ def manifest(
         "policy": {"window": model.bot_window, "how_to_act": list(_ACT)},
         "imagination": {"window": model.window, "how_to_imagine": list(_IMAGINE)},
         "z": {"size": model.latent_features, "how_to_draw": _DRAW},
-        "styles": [_style(named) for named in styles],
         "parity": {
             "tolerance": TOLERANCE,
             "largest_difference": {written.graph.name: written.largest_difference for written in files},
         },
+        "styles": [_style(named) for named in styles],
     }
 
 
@@ -109,7 +112,8 @@ def _columns(prefix: str, space: Space, degrees: Collection[str]) -> list[dict[s
     columns = []
     for column, signal in enumerate(space.signals):
         found = {"column": column, **_signal(signal)}
-        columns.append(found | {"recorded_unit": "degrees"} if prefix + signal.name in degrees else found)
+        noted = isinstance(signal, Angular) and signal.recorded_in_degrees
+        columns.append(found | {"recorded_unit": "degrees"} if noted or prefix + signal.name in degrees else found)
     return columns
 
 
