@@ -29,6 +29,8 @@ def styles(
     opened = open_run(run, device)
     CONSOLE.print(opened.findings.playstyles.verdict)
     CONSOLE.print(styles_table(opened))
+    if opened.findings.explanation:
+        CONSOLE.print(opened.findings.explanation, highlight=False)
     if data is not None:
         labelled = label(opened, data, out, overwrite=force, console=CONSOLE)
         for style in opened.findings.playstyles.styles:

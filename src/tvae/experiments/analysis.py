@@ -57,6 +57,8 @@ def analyse(
     console.print(playstyles.verdict, highlight=False)
     for style in playstyles.styles:
         console.print(f"{findings.name(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
+    if findings.explanation:
+        console.print(findings.explanation, highlight=False)
     return findings
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from tvae.errors import TvaeError
 from tvae.evaluate.styles import Playstyles, Style
+from tvae.evaluate.words import explanation
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,11 @@ class Findings:
     def name(self, style: Style) -> str:
         """The style's label if it has one, else its own name."""
         return self.labels.get(style.index, style.name)
+
+    @property
+    def explanation(self) -> str:
+        """What a reader of all the sentences has to be told once; may be empty."""
+        return explanation(sentence for sentences in self.words.values() for sentence in sentences)
 
     def style(self, name: str) -> Style:
         """The style of this number, name or label; `TvaeError` says which there are."""

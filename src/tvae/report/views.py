@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from tvae.evaluate.words import explanation
 from tvae.figures.curves import training_curves
 from tvae.figures.markup import to_markup
 from tvae.figures.trajectories import Draw
@@ -84,6 +85,8 @@ class View:
     """Role, name and kind."""
     metrics: tuple[MetricRow, ...]
     config: str
+    explanation: str
+    """Of what is in the sentences; may be empty."""
 
 
 def view(content: ReportContent) -> View:
@@ -109,6 +112,7 @@ def view(content: ReportContent) -> View:
         ),
         metrics=tuple(metric_rows(content.metrics)),
         config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str) if content.config else "",
+        explanation=explanation(sentence for style in content.styles for sentence in style.sentences),
     )
 
 
