@@ -12,7 +12,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from torch.utils.tensorboard import SummaryWriter
 
 from tvae.config import RunConfig
+from tvae.train import checkpoint
 from tvae.train.checkpoint import Record, Terms
+from tvae.train.diagnosis import ending
 from tvae.train.loop import Observer
 
 
@@ -37,7 +39,12 @@ def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator
             events.add_scalar("policy_alone/log_likelihood", nats, step)
             bar.update(further, completed=step, description=f"policy alone {nats:.2f} nats")
 
-        yield Observer(on_step, on_record, on_policy_step)
+        def on_end(progress: checkpoint.Progress) -> None:
+            said = ending(progress, config.training.num_steps)
+            if said:
+                bar.console.print(said, highlight=False)
+
+        yield Observer(on_step, on_record, on_policy_step, on_end)
 
 
 def scalars(record: Record) -> dict[str, float]:
@@ -76,7 +83,11 @@ def together(observers: Sequence[Observer]) -> Observer:
         for observer in observers:
             observer.on_policy_step(step, nats)
 
-    return Observer(on_step, on_record, on_policy_step)
+    def on_end(progress: checkpoint.Progress) -> None:
+        for observer in observers:
+            observer.on_end(progress)
+
+    return Observer(on_step, on_record, on_policy_step, on_end)
 
 
 @contextmanager
