@@ -34,7 +34,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     playstyles = findings.playstyles
     table = pq.read_table(run.styles)
     means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
-    metrics = read_json(run.metrics)
+    metrics = findings.shown(read_json(run.metrics))
     content = ReportContent(
         title=about.title,
         verdict=playstyles.verdict,
@@ -88,7 +88,7 @@ def _section(
         name=style.name,
         weight=style.weight,
         draw=draw,
-        label=label,
+        label=findings.names.get(style.index, label),
         sentences=findings.words[style.index],
         prototypes=style.prototypes,
         test_episodes=episodes,

@@ -16,6 +16,7 @@ class CardStyle:
     """A style in words."""
 
     name: str
+    """With its number, `style 0`, which sentences refer to."""
     weight: float
     """Its share of the demonstrations."""
     sentences: tuple[str, ...]

@@ -26,7 +26,7 @@ class StyleSection:
     draw: Draw
     """Draws an episode of it; see `tvae.figures`."""
     label: str | None = None
-    """The label that most of its episodes carry, where the data has labels."""
+    """What the user calls it, or the label that most of its episodes carry, where the data has labels."""
     sentences: tuple[str, ...] = ()
     """What sets it apart."""
     prototypes: tuple[int, ...] = ()
