@@ -21,6 +21,7 @@ from tvae.experiments.arenas import knowledge_of
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import About, about_run, history
 from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.figures.lanes import Scales
 from tvae.figures.palette import style_colour
 from tvae.figures.trajectories import draw_trajectory
 from tvae.report.content import ReportContent, StyleSection
@@ -34,6 +35,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     playstyles = findings.playstyles
     table = pq.read_table(run.styles)
     means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
+    scales = Scales.of(demonstrations)
     metrics = findings.shown(read_json(run.metrics))
     content = ReportContent(
         title=about.title,
@@ -44,7 +46,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         assignment=table["style"].to_numpy(),
         probability=table["probability"].to_numpy(),
         styles=tuple(
-            _section(run, about, demonstrations, findings, style) for style in playstyles.styles
+            _section(run, about, demonstrations, findings, style, scales) for style in playstyles.styles
         ),
         command=shlex.join(["tvae", *about.command[1:]]),
         version=tvae.__version__,
@@ -65,6 +67,7 @@ def _section(
     demonstrations: Demonstrations,
     findings: Findings,
     style: Style,
+    scales: Scales,
 ) -> StyleSection:
     label = findings.labels.get(style.index)
     episodes, succeeded = None, None
@@ -81,7 +84,7 @@ def _section(
             special(axes, episode, colour)
         else:
             draw_trajectory(
-                axes, episode, demonstrations.observation_space, demonstrations.action_space, colour
+                axes, episode, demonstrations.observation_space, demonstrations.action_space, colour, scales
             )
 
     return StyleSection(
