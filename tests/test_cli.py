@@ -130,6 +130,10 @@ def test_verbs_work_on_a_finished_run(
     before = (run / "report.html").stat().st_mtime_ns
     call("report", run)
     assert (run / "report.html").stat().st_mtime_ns > before
+    page = (run / "report.html").read_text()
+    assert " in zombie.parquet</h1>" in page
+    assert "80 sessions, " in page
+    assert "signals; run zombie</p>" in page
 
 
 def test_a_style_has_the_name_that_it_was_given(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 from platform import python_version
 
 import numpy as np
@@ -15,6 +16,7 @@ from matplotlib.axes import Axes
 import tvae
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import load_demonstrations
+from tvae.data.table_sets import is_pattern
 from tvae.data.trajectory import Trajectory
 from tvae.evaluate.styles import Style
 from tvae.experiments.arenas import knowledge_of
@@ -38,7 +40,8 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     scales = Scales.of(demonstrations)
     metrics = findings.shown(read_json(run.metrics))
     content = ReportContent(
-        title=about.title,
+        title=_name_of_data(run, about),
+        run=run.path.resolve().name,
         verdict=playstyles.verdict,
         demonstrations=demonstrations,
         episode_ids=tuple(str(episode) for episode in table["episode"].to_pylist()),
@@ -59,6 +62,16 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         versions={"Python": python_version(), "torch": torch.__version__, "gymnasium": version("gymnasium")},
     )
     write(content, run.report)
+
+
+def _name_of_data(run: RunDirectory, about: About) -> str:
+    """The task's title where the run made its demonstrations itself, else the name of their file or data set."""
+    path = Path(about.source.path)
+    if path == run.demonstrations.resolve():
+        return about.title
+    if not path.is_absolute():
+        return about.source.path
+    return "/".join(path.parts[-2:]) if is_pattern(path.name) else path.name
 
 
 def _section(

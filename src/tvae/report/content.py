@@ -54,6 +54,7 @@ class ReportContent:
     """
 
     title: str
+    """What the demonstrations are called, such as the name of their file."""
     verdict: str
     """What was found, in one sentence."""
     demonstrations: Demonstrations
@@ -73,6 +74,8 @@ class ReportContent:
     """Of tvae."""
     created: str
     """When, as people read it."""
+    run: str = ""
+    """What the run is called."""
     warnings: tuple[str, ...] = ()
     metrics: Mapping[str, Any] = field(default_factory=dict)
     """Nested, as in `metrics.json`."""
