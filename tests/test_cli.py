@@ -130,6 +130,35 @@ def test_verbs_work_on_a_finished_run(
     before = (run / "report.html").stat().st_mtime_ns
     call("report", run)
     assert (run / "report.html").stat().st_mtime_ns > before
+    page = (run / "report.html").read_text()
+    assert " in zombie.parquet</h1>" in page
+    assert "80 sessions, " in page
+    assert "signals; run zombie</p>" in page
+
+
+def test_a_style_has_the_name_that_it_was_given(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "run"
+    shutil.copytree(run, mine)
+    before = (mine / "metrics.json").read_text()
+    call("styles", mine, "--rename", "0=<campers>")
+    assert "<campers>" in " ".join(capsys.readouterr().out.split())
+    call("styles", mine)
+    assert "<campers>" in capsys.readouterr().out
+    call("generate", mine, "--style", "<campers>", "--episodes", "2", "--out", tmp_path / "imagined.csv")
+    call("rollout", mine, "--style", "<campers>", "--episodes", "2", "--out", tmp_path / "bot.csv")
+    call("report", mine)
+    page = (mine / "report.html").read_text()
+    assert "&lt;campers&gt;" in page
+    assert "<campers>" not in page
+    call("export", mine, "--out", tmp_path / "export")
+    assert "<campers>" in (tmp_path / "export" / "manifest.json").read_text()
+    call("embed", mine, "--out", tmp_path / "z.parquet")
+    assert (mine / "metrics.json").read_text() == before
+    assert "there is no style '9'" in refused(capsys, "styles", mine, "--rename", "9=x")
+    assert "must be a line of text" in refused(capsys, "styles", mine, "--rename", "0=")
+    assert json.loads((mine / "playstyles.json").read_text())["names"] == {"0": "<campers>"}
+    call("fit", "--resume", "--out", mine, "--device", "cpu")
+    assert json.loads((mine / "playstyles.json").read_text())["names"] == {"0": "<campers>"}
 
 
 def test_evaluate_compares_with_the_model_without_a_latent(run: Path, tmp_path: Path) -> None:

@@ -17,9 +17,11 @@ from matplotlib.image import imread
 from matplotlib.patches import Circle
 
 from tvae.data.arrays import from_arrays
+from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.figures.canvas import new_figure, plain_axes, save
 from tvae.figures.curves import training_curves
+from tvae.figures.lanes import Scales
 from tvae.figures.latent import latent_plane, latent_space
 from tvae.figures.markup import to_markup
 from tvae.figures.overcooked import draw_overcooked
@@ -203,9 +205,22 @@ class TestTrajectories:
         rows = np.stack([np.arange(5.0), np.ones(5), bearing, np.array([0.0, 0, 1, 1, 0])], 1)
         axes = _axes()
         draw_trajectory(axes, Trajectory(rows, np.array([[0.0], [1], [0], [1]])), space, BUTTON, INK)
-        assert [text.get_text() for text in axes.texts] == ["speed", "bearing", "gear", "jump"]
+        assert [text.get_text() for text in axes.texts] == ["speed", "0 to 4", "bearing", "gear", "jump"]
         assert axes.lines[3].get_xdata().tolist() == [1, 3]
         assert np.isnan(axes.lines[1].get_ydata()).tolist() == [False, False, True, False, False]
+
+    def test_each_signal_has_the_scale_of_all_episodes(self):
+        """Two signals of very different size; what stands still in one episode has its lane there, too."""
+        space = Space((Continuous("$speed$"), Continuous("x" * 40), Categorical("seats", (2, 4, 9))))
+        wide = Trajectory(np.array([[0.0, 1e6, 0], [10, 3e6, 2]]), np.zeros((1, 1)))
+        still = Trajectory(np.array([[5.0, 2e6, 1], [5, 2e6, 1]]), np.zeros((1, 1)))
+        scales = Scales.of(Demonstrations.from_trajectories([wide, still], space, BUTTON))
+        assert scales.observations.tolist() == [[0, 10], [1e6, 3e6], [0, 2]]
+        axes = _axes()
+        draw_trajectory(axes, still, space, BUTTON, INK, scales)
+        said = [text.get_text() for text in axes.texts]
+        assert said == ["$speed$", "0 to 10", "x" * 23 + "…", "1e+06 to 3e+06", "seats", "2 to 9"]
+        np.testing.assert_allclose([line.get_ydata()[0] for line in axes.lines], [0.3, -0.7, -2 + 0.6 * 2 / 7])
 
     def test_long_episodes_are_thinned_and_still_ones_said(self):
         space = Space((Continuous("speed"),))

@@ -274,7 +274,8 @@ def test_a_card_shows_text_from_data_as_text(card: str) -> None:
     kinds = {kind for kind, _ in found}
     assert not kinds & {"html_inline", "html_block", "link_open", "code_inline", "em_open", "strong_open", "hr"}
     texts = [text for kind, text in found if kind == "text"]
-    assert texts.count(EVIL) == 3  # a style's name, and in two rows of measurements
+    assert texts.count(EVIL) == 2  # in two rows of measurements
+    assert texts.count(f"{EVIL} (style 0)") == 1
     assert f"observation.{EVIL}" in texts
     assert "1. goes" in texts
     assert f"collapsed # {EVIL}" in texts

@@ -138,6 +138,7 @@ def _full():
             ),
             _style(1, demonstrations, label="north", sentences=("Goes north.",)),
         ),
+        run="walks-1",
         warnings=("Little data.",),
         metrics={"ari": 0.93, "held_out": {"policy": -3.25}, "success": {"north": 0.5}},
         records=(Record(0, 1.0, terms, terms), Record(100, 2.0, terms, terms)),
@@ -179,6 +180,8 @@ class TestPage:
     def test_says_what_it_was_given(self, full):
         text = Page(full).text
         for words in (
+            "2 playstyles in walks.csv",
+            "12 sessions, 60 steps, 3 signals; run walks-1",
             "Two playstyles were found.",
             "Little data.",
             "playstyles found 2",
@@ -220,6 +223,20 @@ class TestPage:
         assert path.read_text(encoding="utf-8") == before
 
 
+class TestHeadline:
+    @pytest.mark.parametrize(
+        ("verdict", "headline"),
+        [
+            ("one style: nothing else.", "One playstyle in walks.csv"),
+            ("not distinguishable: the latent has collapsed.", "No distinct playstyles in walks.csv"),
+        ],
+    )
+    def test_a_single_style_is_called_what_it_is(self, verdict: str, headline: str):
+        one = _content(verdict=verdict, styles=(_style(0, _walks(12)),), assignment=np.zeros(12, dtype=np.int64))
+        page = Page(render(one))
+        assert headline in page.text
+
+
 class TestHostileText:
     def test_is_shown_and_never_run(self):
         demonstrations = _walks(6, names=(HOSTILE, "speed"), ids=[f"{HOSTILE}{i}" for i in range(6)])
@@ -231,6 +248,7 @@ class TestHostileText:
                 styles=(style(0), style(1, name=HOSTILE)),
                 title=HOSTILE,
                 verdict=HOSTILE,
+                run=HOSTILE,
                 warnings=(HOSTILE,),
                 metrics={HOSTILE: HOSTILE},
                 config={HOSTILE: HOSTILE},

@@ -69,6 +69,8 @@ def by_hand(tau):
                     told[f"{name}.concentration"] = abs(sum(cmath.exp(1j * x) for x in column)) / len(column)
                     turns = [abs(math.remainder(b - a, 2 * math.pi)) for a, b in pairwise(column)]
                     told[f"{name}.turn"] = sum(turns) / len(turns) if turns else 0.0
+                    told[f"{name}.net turn"] = sum(math.remainder(b - a, 2 * math.pi) for a, b in pairwise(column))
+                    told[f"{name}.positive"] = sum(math.sin(x) > 0 for x in column) / len(column)
                 case Binary():
                     told[f"{name}.count"] = column.count(1)
                 case Categorical():
@@ -118,6 +120,29 @@ def test_directions_have_no_seam():
     found = EpisodeStatistics.of(Demonstrations.from_trajectories([turning], Space(()), space))
     assert found["heading.concentration"][0] == pytest.approx(math.cos(math.pi - 3.1))
     assert found["heading.turn"][0] == pytest.approx(2 * (math.pi - 3.1))
+
+
+def turning(*columns):
+    taus = [Trajectory(np.zeros((len(column), 0)), np.array(column)[:, None]) for column in columns]
+    return EpisodeStatistics.of(Demonstrations.from_trajectories(taus, Space(()), Space((Angular("heading"),))))
+
+
+def test_left_is_not_right():
+    """A round and a quarter to either side, past the seam; and steering that is itself a turn."""
+    left = np.linspace(0, 2.5 * np.pi, 21)
+    found = turning(left, -left, [0.3] * 4, [-0.3] * 4)
+    np.testing.assert_allclose(found["heading.net turn"], [2.5 * np.pi, -2.5 * np.pi, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(found["heading.turn"][:2], 0.125 * np.pi)
+    np.testing.assert_allclose(found["heading.positive"][2:], [1, 0])
+
+
+def test_about_turns_have_no_side():
+    """There and back again, and directions on the line between left and right, rounded one way or the other."""
+    pi = np.float64(np.float32(np.pi))
+    found = turning([0.0, pi, 0.0, pi], [0.0, -pi, 0.0, -pi], [1e-9, -1e-9, pi, -pi])
+    assert found["heading.net turn"][:2].tolist() == [0, 0]
+    assert found["heading.positive"].tolist() == [0, 0, 0]
+    np.testing.assert_allclose(found["heading.turn"][:2], np.pi)
 
 
 def test_what_cancels_is_zero():

@@ -6,11 +6,13 @@ import inspect
 import json
 import warnings
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from rich.console import Console
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
@@ -19,11 +21,14 @@ from toys import noise, two_styles, untrained
 from tvae.config import RunConfig
 from tvae.data.batches import TrajectoryBatch, batch_of, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
+from tvae.envs.zombie import zombie_demonstrations
+from tvae.experiments.progress import together, watching
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut, whole
-from tvae.train.checkpoint import CheckpointError, Record, Terms
-from tvae.train.diagnosis import TrainingWarning
+from tvae.spaces import Continuous, Space
+from tvae.train.checkpoint import CheckpointError, Progress, Record, Terms
+from tvae.train.diagnosis import TrainingWarning, diagnose, ending
 from tvae.train.fitting import fit, new_model
 from tvae.train.loop import Observer, TrainingError, evaluate, train
 from tvae.train.schedules import RAISED, Budget, Constant, KLSchedule, Piecewise
@@ -307,7 +312,7 @@ def test_the_best_weights_are_those_of_the_weighted_bound(
     model = untrained(walks[0])
     monkeypatch.setattr("tvae.train.loop.evaluate", lambda *arguments, **keywords: next(scores))
     observer = Observer(on_record=lambda record: seen.update({record.step: weights(model)}))
-    train(model, *walks, schedule=Constant(), **QUICK, state_weight=weight, observer=observer)
+    trained(model, walks, state_weight=weight, observer=observer)
     assert same(weights(model), seen[best])
 
 
@@ -391,12 +396,102 @@ def test_without_latent_nothing_collapses(walks: tuple[Demonstrations, Demonstra
 def test_warnings_are_about_the_weights_that_are_kept(
     walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
 ):
-    """Over-fitting after the best evaluation is what the best weights are kept for: no warning."""
+    """Late over-fitting after the best evaluation is what the best weights are kept for: no warning."""
     good, bad = Terms(5.0, 0.0, 0.0, 2.0), Terms(-50.0, 0.0, 0.0, 0.0)
-    scores = iter([Terms(0.0, 0.0, 0.0, 0.5), good, bad, bad, bad])
+    scores = iter([Terms(0.0, 0.0, 0.0, 0.5), good, good, good, good, bad, bad])
     monkeypatch.setattr("tvae.train.loop.evaluate", lambda *arguments, **keywords: next(scores))
-    records = train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, patience=3)
+    records = train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, patience=5)
     assert records[-1].held_out == bad
+
+
+def judged(held_out: list[float], training: list[float], *, best: int) -> Progress:
+    """The progress of a training with these bounds, an evaluation every 100 steps, as if it ended at the last."""
+    records = tuple(
+        Record(100 * index, 1.0, Terms(there, 0.0, 0.0, 0.0), Terms(here, 0.0, 0.0, 0.0))
+        for index, (here, there) in enumerate(zip(held_out, training, strict=True))
+    )
+    return Progress(records[-1].step, 1.0, 0.0, 100 * best, len(records) - 1 - best, True, records)
+
+
+RISING = [0.0, *np.linspace(50, 90, 12).tolist()]
+FALLING = [0.0, 50.0, 60.0, *np.linspace(58, 20, 10).tolist()]
+
+
+def diagnosed(progress: Progress, choosable: float) -> list[str]:
+    model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), latent_features=0, hidden_features=4)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        diagnose(model, progress, 1.0, choosable)
+    return [str(warning.message) for warning in caught]
+
+
+def test_overfitting_before_weights_may_be_kept_is_warned_of() -> None:
+    (said,) = diagnosed(judged(FALLING, RISING, best=8), choosable=720.0)
+    assert "best at step 200 (60.0 nats), and 36.9 at step 800, kept, and fell to 20.0 at step 1200" in said
+    assert "fewer features" in said
+
+
+def test_overfitting_from_the_first_weights_that_may_be_kept_is_warned_of() -> None:
+    late = [0.0, *np.linspace(40, 60, 7).tolist(), *np.linspace(58, 40, 5).tolist()]
+    (said,) = diagnosed(judged(late, RISING, best=7), choosable=700.0)
+    assert "best at step 700 (60.0 nats), whose weights are kept, and fell to 40.0 at step 1200" in said
+    assert diagnosed(judged(late, RISING, best=7), choosable=300.0) == []
+
+
+def test_overfitting_that_undoes_all_is_not_called_learning_nothing() -> None:
+    (said,) = diagnosed(judged([0.0, 50.0, 60.0, *np.linspace(50, -90, 10)], RISING, best=8), choosable=720.0)
+    assert said.startswith("the model overfits")
+
+
+@pytest.mark.parametrize(
+    ("held_out", "training"),
+    [
+        pytest.param(RISING, RISING, id="still rising"),
+        pytest.param(FALLING, [0.0, *np.linspace(90, 50, 12)], id="both fall"),
+        pytest.param([0.0, 50.0, 60.0, *[59.9, 59.8] * 5], RISING, id="flat"),
+        pytest.param([0.0, 50.0, 60.0, *[30.0, 58.0] * 4, 30.0, 40.0], RISING, id="noise"),
+        pytest.param([0.0, 50.0, 60.0, 40.0, 30.0], RISING[:5], id="too short to tell"),
+    ],
+)
+def test_no_overfitting(held_out: list[float], training: list[float]) -> None:
+    progress = judged(held_out, training, best=int(np.argmax(held_out)))
+    assert diagnosed(progress, choosable=0.0) == []
+
+
+def test_a_model_that_overfits_is_warned_of() -> None:
+    """Nine episodes, which nets learn by heart: held-out ones are then a surprise."""
+    few = zombie_demonstrations(12, seed=1)
+    parts = few.split(0.25, seed=0)
+    model = new_model(few, seed=0, device="cpu")
+    ends: list[Progress] = []
+    with pytest.warns(TrainingWarning, match="the model overfits"):
+        train(
+            model,
+            *parts,
+            schedule=Constant(),
+            num_steps=400,
+            evaluate_every=10,
+            learning_rate=1e-2,
+            observer=Observer(on_end=ends.append),
+        )
+    (progress,) = ends
+    assert progress.finished
+    assert progress.step == progress.best_step + 100 < 400
+
+
+def test_where_training_ended() -> None:
+    """One line where it ended early or the last weights are not the best, and none else."""
+    progress = judged(FALLING, RISING, best=8)
+    assert ending(progress, 2000).startswith("training ended early, at step 1200 of 2000: ")
+    assert ending(progress, 1200) == "the held-out bound was best at step 800, whose weights are kept"
+    assert ending(judged(RISING, RISING, best=12), 1200) == ""
+
+
+def test_who_watches_is_told_where_training_ended(tmp_path: Path) -> None:
+    with StringIO() as screen:
+        with watching(RunConfig(), tmp_path, Console(file=screen, width=200)) as shown:
+            together([shown]).on_end(judged(FALLING, RISING, best=8))
+        assert "at step 1200 of 4000: the held-out bound was best at step 800" in screen.getvalue()
 
 
 # Resuming

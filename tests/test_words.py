@@ -9,10 +9,12 @@ from scipy.stats import mannwhitneyu
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.envs.zombie import zombie_demonstrations
+from tvae.evaluate import differences as compared
 from tvae.evaluate import words
+from tvae.evaluate.differences import differences, evenly
 from tvae.evaluate.statistics import EpisodeStatistics, Statistic
-from tvae.evaluate.words import describe, differences
-from tvae.spaces import Binary, Categorical, Continuous, Space
+from tvae.evaluate.words import describe
+from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
 
 NOTHING = ("nothing sets it apart from the other episodes",)
 ATTACK, AVOID = 0, 1
@@ -143,6 +145,60 @@ def test_outcomes_come_last():
     assert [sentence.split()[0] for sentence in said] == ["played", "won"]
 
 
+def test_what_tells_a_style_from_its_nearest():
+    """0 and 1 press, 2 does not; only where they stand tells 0 from 1, and 0 stands amid the others."""
+    random, style = np.random.default_rng(0), np.arange(90) % 3
+    stands = np.array([0.0, 5.0, -5.0])[style] + random.normal(size=90)
+    space = Space((Binary("press"), Continuous("x")))
+    play = recorded([[[int(s < 2), x]] * 3 for s, x in zip(style, stands, strict=True)], space)
+    said = describe(play, style)
+    assert said[0][0].startswith("press happens 3.0 times an episode against 1.5 (d = ")
+    (nearest,) = (sentence for sentence in said[0] if "in style" in sentence)
+    assert nearest.startswith("x is ")
+    assert " in style 1 (d = -" in nearest
+    assert said[0][-1] == nearest
+    assert not any("in style" in sentence for sentence in (*said[1], *said[2]))
+
+
+def test_in_the_middle_of_two():
+    """Nothing sets the middle one apart from the others together; the nearer of them is named."""
+    random, style = np.random.default_rng(0), np.arange(90) % 3
+    values = np.array([0.0, 9.0, -5.0])[style] + random.normal(size=90)
+    (said,) = words._relative(table(x=values), style, 0)
+    assert said.startswith("x is ")
+    assert " in style 2 (d = " in said
+
+
+def test_left_and_right():
+    """Three styles: straight ahead, to the left, to the right, equally sharply."""
+    random, style = np.random.default_rng(0), np.arange(60) % 3
+    turns = np.array([0.0, 0.2, -0.2])[style]
+    headings = [(random.uniform(-3, 3) + rate * np.arange(20) + np.pi) % (2 * np.pi) - np.pi for rate in turns]
+    said = describe(recorded([column[:, None] for column in headings], Space((Angular("heading"),))), style)
+    assert said[1][0] == "heading turns by a net 3.8 rad against -1.9 (d = 3.6)"
+    assert said[2][0] == "heading turns by a net -3.8 rad against 1.9 (d = -3.6)"
+    assert said[0][0] == "heading keeps to one direction by 100% against 50% (d > 10)"
+
+
+def test_nearest_by_chance(zombies, styles):
+    """A style dealt into two by chance: nothing tells the halves apart, and the third is told already."""
+    attackers = np.flatnonzero(styles == ATTACK)
+    for seed in range(5):
+        dealt = styles + 1
+        dealt[attackers] = 2 * np.random.default_rng(seed).permutation(len(attackers)) // len(attackers)
+        dealt[styles == AVOID] = 2
+        said = describe(zombies, dealt)
+        assert said[2][0].startswith("attack happens 0.0 times")
+        assert not any("in style" in sentence for sentences in said.values() for sentence in sentences)
+
+
+def test_effect_sizes_are_explained_where_there_are_any(zombies, styles):
+    said = describe(zombies, styles)
+    assert words.explanation([*said[ATTACK], *said[AVOID]]).startswith("d is Cohen's d")
+    assert words.explanation([]) == words.explanation(NOTHING) == ""
+    assert words.explanation(describe(zombies, np.zeros(len(zombies), dtype=np.int64))[0]) == ""
+
+
 def test_one_style(zombies):
     (sentences,) = describe(zombies, np.full(len(zombies), 7)).values()
     assert sentences[0] == "lasts 15 steps"
@@ -160,14 +216,14 @@ def test_too_few_episodes(zombies, styles):
 
 
 def test_many_episodes_are_tested_by_a_part(zombies, styles, monkeypatch):
-    monkeypatch.setattr(words, "MOST_TESTED", 20)
+    monkeypatch.setattr(compared, "MOST_TESTED", 20)
     assert [said[0] for said in describe(zombies, styles).values()] == [
         "attack happens 1.0 times an episode against 0.0 (d > 10)",
         "attack happens 0.0 times an episode against 1.0 (d < -10)",
     ]
     monkeypatch.setattr(words, "MOST_TOLD", 20)
     assert {said[0][:14] for said in describe(zombies, styles).values()} == {"attack happens"}
-    assert words._evenly(np.arange(100), 20).tolist() == list(range(0, 100, 5))
+    assert evenly(np.arange(100), 20).tolist() == list(range(0, 100, 5))
 
 
 def test_a_rare_style_among_many():

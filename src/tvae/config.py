@@ -86,7 +86,7 @@ class PolicyConfig:
 
     num_steps: int | None = None
     """Steps in which the policy alone learns further; None for as many as the training before had."""
-    batch_size: int = 256
+    batch_size: int = 1_024
     """Moments in a step."""
     learning_rate: float = 1e-2
     """Of AdamW, at the start."""

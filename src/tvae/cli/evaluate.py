@@ -38,4 +38,4 @@ def evaluate(
     if arena is not None:
         arena = replace(arena, episodes=episodes)
         try_bots(opened.directory, opened.model, opened.findings, arena, seed=seed, console=CONSOLE)
-    CONSOLE.print(metrics_table(opened.directory))
+    CONSOLE.print(metrics_table(opened))

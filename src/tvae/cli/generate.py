@@ -29,7 +29,7 @@ def generate(
     out
         Where to write them: a .parquet or .csv file, a .tvae directory, or minari:ID.
     style
-        Number of the style, or its label where the data had labels.
+        Number of the style, its name, or its label where the data had labels.
     window
         Rolling window: the most past states that the decoders remember; by default as in training.
     most_likely

@@ -31,7 +31,7 @@ def rollout(
     out
         Where to write them: a .parquet or .csv file, a .tvae directory, or minari:ID.
     style
-        Number of the style, or its label where the data had labels.
+        Number of the style, its name, or its label where the data had labels.
     env
         Gymnasium id, or MODULE:NAME of a parallel environment of PettingZoo, in which all players are bots of the
         style; by default the environment in which the run tried its bots.

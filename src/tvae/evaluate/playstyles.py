@@ -27,6 +27,8 @@ from tvae.evaluate.styles import Playstyles, Style
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
+NOT_DISTINGUISHABLE = "not distinguishable"
+"""How a verdict begins where no styles can be told."""
 _COLLAPSED_NATS = 0.05
 _ACTIVE = 0.01
 """A latent feature is active where the means have at least this share of the aggregated posterior's variance."""
@@ -111,7 +113,7 @@ def _verdict(styles: tuple[Style, ...], confusion: FloatArray, reason: str, nats
         found += f"A sample of z tells its style in {told} of the cases."
         return f"{found} Some were joined: {reason}" if reason else found
     if reason:
-        return f"not distinguishable: {reason}"
+        return f"{NOT_DISTINGUISHABLE}: {reason}"
     return f"one style: the latent holds about {nats:.1f} nats of an episode, but its values form a single cluster."
 
 

@@ -11,11 +11,16 @@ Of a signal x_1 .. x_n of an episode:
 |             | `travelled`     | sum_t abs(x_{t+1} - x_t)                             |
 | angular     | `concentration` | abs(1/n sum_t exp(i x_t)), 0 .. 1                    |
 |             | `turn`          | mean_t abs(x_{t+1} - x_t), the shorter way, radians  |
+|             | `net turn`      | sum_t x_{t+1} - x_t, the shorter way, radians        |
+|             | `positive`      | 1/n sum_t [0 < x_t < pi]                             |
 | binary      | `count`         | sum_t x_t                                            |
 | categorical | `share of k`    | 1/n sum_t [x_t = k], at most 20 categories           |
 |             | `switches`      | sum_t [x_{t+1} != x_t]                               |
 
-A mean direction is left out: -pi and pi are one direction, so its average over episodes would mean nothing.
+A mean direction is left out: -pi and pi are one direction, so its average over episodes would mean nothing. Which way
+was turned is told by `net turn` where the signal is a direction, and by `positive` where it is itself a turn, or the
+bearing of something; positive is counter-clockwise, to the left, where angles are measured so. Half a turn, which is
+to neither side, counts 0 in `net turn`, and so do directions 0 and pi in `positive`.
 Then `steps`, the number T of actions, and what came of the play: `return`, the sum of the rewards, and the last
 value of each numeric `info.NAME` where no signal is called NAME.
 """
@@ -39,6 +44,8 @@ MOST_CATEGORIES = 20
 
 _STEPS_AT_ONCE = 2_000_000
 _ROUNDING = 1e-12
+_ON_THE_SEAM = 1e-6
+"""Radians from 0 or pi within which a direction has no side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,8 +192,13 @@ def _of_signal(signal: Signal, values: FloatArray, rows: _Rows) -> Iterator[tupl
         case Angular():
             resultant = np.hypot(rows.mean(np.cos(values)), rows.mean(np.sin(values)))
             yield "concentration", "keeps to one direction by {percent}", resultant
-            turns = rows.total(np.abs(wrap(changes))) / np.maximum(rows.counts - 1, 1)
+            turned = wrap(changes)
+            turns = rows.total(np.abs(turned)) / np.maximum(rows.counts - 1, 1)
             yield "turn", "turns by {number} rad a step", turns
+            sided = np.where(np.abs(turned) < np.pi - _ON_THE_SEAM, turned, 0.0)
+            yield "net turn", "turns by a net {number} rad", rows.total(sided)
+            positive = np.abs(wrap(values) - np.pi / 2) < np.pi / 2 - _ON_THE_SEAM
+            yield "positive", "is above 0 {percent} of the time", rows.mean(positive)
         case Binary():
             yield "count", "happens {number} times an episode", rows.total(values)
         case Categorical(categories=categories):

@@ -1,87 +1,49 @@
 """What sets each style apart, in plain words.
 
-A style's episodes are compared with all others, one statistic x at a time:
-
-    d   = (mean here - mean elsewhere) / pooled standard deviation                 (Cohen 1988)
-    AUC = P(x here > x elsewhere) + 1/2 P(x here = x elsewhere) = U / (n1 n2)       (McGraw and Wong 1992)
-
-with the p-value of the Mann-Whitney U test, adjusted after Benjamini and Hochberg over the statistics of a style.
-The styles were found in these same episodes, so p-values are no evidence that the styles exist; they only keep
-chance out of the description.
+A style's episodes are compared with all others, one statistic at a time (`tvae.evaluate.differences`).
+What is told so may be shared with one other style. Where it does not tell the style from that one, its nearest, a
+further sentence does: the two styles' episodes are compared in the same way.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from string import Formatter
 
 import numpy as np
-from scipy.stats import false_discovery_control, mannwhitneyu, rankdata
+from scipy.stats import rankdata
 
 from tvae.data.demonstrations import Demonstrations
+from tvae.evaluate.differences import FEWEST_EPISODES, LEAST_AUC_DISTANCE, Difference, differences, evenly
 from tvae.evaluate.statistics import EpisodeStatistics, Statistic
 from tvae.spaces import FloatArray, IntArray
 
 MOST_SENTENCES = 4
-FEWEST_EPISODES = 3
-"""Fewer episodes than this, here or elsewhere, are not compared."""
-SIGNIFICANCE = 0.05
-LEAST_AUC_DISTANCE = 0.1
+"""Against all other episodes; one more may tell a style from its nearest."""
+TOLD_APART = 0.4
+"""AUC distance from which a statistic tells two styles apart by itself: AUC of 0.9 or 0.1."""
 MOST_RANK_CORRELATION = 0.9
 """Two statistics that correlate more than this say the same."""
 MOST_TOLD = 100_000
 """Of more episodes, styles are described by as many, evenly taken."""
-MOST_TESTED = 10_000
-"""Tests see at most so many episodes of each side, evenly taken."""
 
+_EFFECT_SIZES = "d is Cohen's d, the difference of the two means in standard deviations: 0.2 is small, 0.8 is large."
 _TOO_FEW = "too few episodes to compare"
 _NOTHING = "nothing sets it apart from the other episodes"
 _MOST_SHOWN_EFFECT = 10.0
 _AS_TELLING = 0.02
 """Statistics of one signal whose AUC distances differ by less are equally telling."""
-_DECIMALS_OF_SCALE = 10
-"""Differences below 1e-10 of a statistic's largest value are rounding noise."""
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """How a style differs from all other episodes in one statistic."""
-
-    statistic: Statistic
-    here: float
-    """Mean over the episodes of the style."""
-    elsewhere: float
-    """Mean over all other episodes."""
-    effect_size: float
-    """Cohen's d; infinite where neither side varies but their values differ."""
-    auc: float
-    """Probability that an episode here has the larger value than one elsewhere, ties counted half."""
-    p_value: float
-    """Two-sided, adjusted over the statistics of the style."""
-
-    @property
-    def auc_distance(self) -> float:
-        """abs(AUC - 1/2): 0 where the sides cannot be told apart, 1/2 where they never overlap."""
-        return abs(self.auc - 0.5)
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether it is significant and large enough to tell, and the means differ the way the ranks do."""
-        return (
-            self.p_value < SIGNIFICANCE
-            and self.auc_distance >= LEAST_AUC_DISTANCE
-            and (self.auc - 0.5) * self.effect_size > 0
-        )
 
 
 def describe(demonstrations: Demonstrations, assignment: IntArray) -> dict[int, tuple[str, ...]]:
-    """For each style, in at most four sentences, what sets it apart from all other episodes.
+    """For each style, in at most four sentences, what sets it apart from all other episodes; in one more, if need be,
+    from its nearest style.
 
     `assignment` (E,) is the style of each episode. How the episodes were played comes first; what came of it,
     `return` and `info.*`, only where there is room. A signal is told once, and not if it ranks the episodes as
-    one told already does. A single style is described by itself.
+    one told already does. The nearest style is the one that the told statistics tell it from worst; that sentence is
+    there where none of them does (`TOLD_APART`) and another one does better. A single style is described by itself.
 
     >>> from tvae.envs.zombie import zombie_demonstrations
     >>> episodes = zombie_demonstrations(num_episodes=40)
@@ -92,7 +54,7 @@ def describe(demonstrations: Demonstrations, assignment: IntArray) -> dict[int, 
     if assignment.shape != (len(demonstrations),):
         raise ValueError(f"{len(demonstrations)} episodes need as many styles, got the shape {assignment.shape}")
     of_each = np.unique(assignment, return_index=True)[1]
-    told = np.union1d(of_each, _evenly(np.arange(len(assignment)), MOST_TOLD))
+    told = np.union1d(of_each, evenly(np.arange(len(assignment)), MOST_TOLD))
     statistics, assignment = EpisodeStatistics.of(demonstrations.select(told)), assignment[told]
     styles = np.unique(assignment).tolist()
     if len(styles) == 1:
@@ -100,60 +62,13 @@ def describe(demonstrations: Demonstrations, assignment: IntArray) -> dict[int, 
     return {style: _relative(statistics, assignment, style) for style in styles}
 
 
-def differences(statistics: EpisodeStatistics, assignment: IntArray, style: int) -> tuple[Difference, ...]:
-    """How the episodes of a style differ from all others, the most telling first: by AUC distance, then abs(d).
+def explanation(sentences: Iterable[str]) -> str:
+    """What a reader of these sentences of `describe` has to be told once about (d = ...); empty where none has it.
 
-    One difference for each statistic that is not constant; `Difference.is_clear` tells which to believe. None
-    where fewer than three episodes are here or elsewhere.
-
-    >>> jumps = Statistic("jump.count", "jump", "jump happens {number} times an episode")
-    >>> statistics = EpisodeStatistics((jumps,), np.array([[0.0], [1.0], [0.0], [2.0], [3.0], [3.0]]))
-    >>> (found,) = differences(statistics, np.array([0, 0, 0, 1, 1, 1]), style=1)
-    >>> round(found.here, 2), round(found.elsewhere, 2), found.auc, round(found.effect_size, 2)
-    (2.67, 0.33, 1.0, 4.04)
+    >>> explanation(["jump happens 3.0 times an episode against 0.0 (d = 2.7)"])
+    "d is Cohen's d, the difference of the two means in standard deviations: 0.2 is small, 0.8 is large."
     """
-    order = np.argsort(assignment, kind="stable")
-    inside = assignment[order] == style
-    here, elsewhere = order[inside], order[~inside]
-    if min(len(here), len(elsewhere)) < FEWEST_EPISODES:
-        return ()
-    scale = np.abs(statistics.values).max(axis=0)
-    relative = np.round(statistics.values / np.where(scale > 0, scale, 1.0), _DECIMALS_OF_SCALE)
-    varying = np.flatnonzero(np.ptp(relative, axis=0) > 0)
-    if len(varying) == 0:
-        return ()
-    relative = relative[:, varying]
-    first, second = relative[_evenly(here, MOST_TESTED)], relative[_evenly(elsewhere, MOST_TESTED)]
-    with np.errstate(divide="ignore", invalid="ignore"):  # a column that varies, but not in what is tested
-        test = mannwhitneyu(first, second, axis=0, method="asymptotic")
-    columns = zip(
-        varying.tolist(),
-        statistics.values[here][:, varying].mean(axis=0).tolist(),
-        statistics.values[elsewhere][:, varying].mean(axis=0).tolist(),
-        _effect_sizes(relative[here], relative[elsewhere]).tolist(),
-        (test.statistic / (len(first) * len(second))).tolist(),
-        false_discovery_control(np.nan_to_num(test.pvalue, nan=1.0)).tolist(),
-        strict=True,
-    )
-    found = [Difference(statistics.statistics[k], *numbers) for k, *numbers in columns]
-    return tuple(sorted(found, key=lambda one: (-one.auc_distance, -abs(one.effect_size))))
-
-
-def _effect_sizes(here: FloatArray, elsewhere: FloatArray) -> FloatArray:
-    """(K,) Cohen's d of the columns of (n1, K) against (n2, K)."""
-    difference = here.mean(axis=0) - elsewhere.mean(axis=0)
-    squares = [len(side) * side.var(axis=0) for side in (here, elsewhere)]
-    pooled = np.sqrt(sum(squares) / (len(here) + len(elsewhere) - 2))
-    noise = 10.0**-_DECIMALS_OF_SCALE
-    difference[np.abs(difference) < noise] = 0.0
-    without = np.where(difference == 0, 0.0, np.copysign(np.inf, difference))
-    return np.divide(difference, pooled, out=without, where=pooled >= noise)
-
-
-def _evenly(episodes: IntArray, most: int) -> IntArray:
-    """At most `most` of them, evenly taken."""
-    count = min(len(episodes), most)
-    return episodes[np.arange(count) * len(episodes) // count]
+    return _EFFECT_SIZES if any("(d " in sentence for sentence in sentences) else ""
 
 
 def _relative(statistics: EpisodeStatistics, assignment: IntArray, style: int) -> tuple[str, ...]:
@@ -170,7 +85,51 @@ def _relative(statistics: EpisodeStatistics, assignment: IntArray, style: int) -
             ranks.append(mine)
         if len(told) == MOST_SENTENCES:
             break
-    return tuple(_sentence(found) for found in told) or (_NOTHING,)
+    said = [_sentence(found) for found in told]
+    return (*said, *_from_nearest(statistics, assignment, style, told)) or (_NOTHING,)
+
+
+def _from_nearest(
+    statistics: EpisodeStatistics, assignment: IntArray, style: int, told: Sequence[Difference]
+) -> tuple[str, ...]:
+    """One sentence that sets a style apart from the one that `told` tells it from worst, if they leave it to say.
+
+    Of styles that are told apart equally badly, the one whose average episode is less different comes first; those
+    with too few episodes, or nothing to set them apart, are passed over.
+    """
+    others = [other for other in np.unique(assignment).tolist() if other != style]
+    if len(others) < 2:
+        return ()
+    columns = [statistics.names.index(one.statistic.name) for one in told]
+    told_only = EpisodeStatistics(tuple(one.statistic for one in told), statistics.values[:, columns])
+    apart = {other: _most_telling(_between(told_only, assignment, style, other)) for other in others}
+    away = {other: _distance(statistics, assignment, style, other) for other in others}
+    for other in sorted(others, key=lambda other: (apart[other], away[other])):
+        if apart[other] >= TOLD_APART:
+            break
+        clear = [found for found in _between(statistics, assignment, style, other) if found.is_clear]
+        better = [found for found in clear if found.auc_distance >= apart[other] + LEAST_AUC_DISTANCE]
+        played = sorted(_one_a_source(better, statistics.names), key=lambda one: one.statistic.is_outcome)
+        if played:
+            return (_sentence(played[0], f" in style {other}"),)
+    return ()
+
+
+def _between(statistics: EpisodeStatistics, assignment: IntArray, style: int, other: int) -> tuple[Difference, ...]:
+    """How the episodes of a style differ from those of one other."""
+    rows = np.flatnonzero((assignment == style) | (assignment == other))
+    return differences(EpisodeStatistics(statistics.statistics, statistics.values[rows]), assignment[rows], style)
+
+
+def _most_telling(found: Sequence[Difference]) -> float:
+    return max((one.auc_distance for one in found), default=0.0)
+
+
+def _distance(statistics: EpisodeStatistics, assignment: IntArray, style: int, other: int) -> float:
+    """Between the average episodes of two styles, in standard deviations of each statistic."""
+    here, there = (statistics.values[assignment == one].mean(axis=0) for one in (style, other))
+    spread = statistics.values.std(axis=0)
+    return float(np.linalg.norm((here - there)[spread > 0] / spread[spread > 0]))
 
 
 def _one_a_source(ranked: Sequence[Difference], names: Sequence[str]) -> list[Difference]:
@@ -206,8 +165,8 @@ def _absolute(statistics: EpisodeStatistics) -> tuple[str, ...]:
     )
 
 
-def _sentence(found: Difference) -> str:
-    """Such as `distance comes as low as 0.8 against 1.3 (d = -3.1)`."""
+def _sentence(found: Difference, place: str = "") -> str:
+    """Such as `distance comes as low as 0.8 against 1.3 (d = -3.1)`, with the place behind the second number."""
     phrase = found.statistic.phrase
     here, elsewhere = _shown(phrase, (found.here, found.elsewhere))
     effect = found.effect_size
@@ -215,7 +174,7 @@ def _sentence(found: Difference) -> str:
         size = f"d {'>' if effect > 0 else '<'} {math.copysign(_MOST_SHOWN_EFFECT, effect):.0f}"
     else:
         size = f"d = {_numbers((effect,))[0]}"
-    return f"{phrase.format(**here)} against {elsewhere[_field(phrase)]} ({size})"
+    return f"{phrase.format(**here)} against {elsewhere[_field(phrase)]}{place} ({size})"
 
 
 def _field(phrase: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from tvae.evaluate.styles import Playstyles
 from tvae.evaluate.words import describe
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import update_metrics
-from tvae.experiments.run_directory import RunDirectory, write_json
+from tvae.experiments.run_directory import RunDirectory, read_json, write_json
 from tvae.files import appearing
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
@@ -45,7 +46,7 @@ def analyse(
     playstyles = find_playstyles(posteriors, seed=config.seed)
     labels = names_of(playstyles, demonstrations)
     words = describe(demonstrations, playstyles.assignment)
-    findings = Findings(playstyles, labels, words)
+    findings = Findings(playstyles, labels, words, _names_kept(run, playstyles))
     likelihood = likelihood_per_step(model, demonstrations, seed=config.seed, console=console)
     table = styles_table(
         demonstrations, posteriors, playstyles.assignment, playstyles.probability, likelihood=likelihood
@@ -56,8 +57,18 @@ def analyse(
     update_metrics(run, {"playstyles": _metrics(findings, demonstrations), **held})
     console.print(playstyles.verdict, highlight=False)
     for style in playstyles.styles:
-        console.print(f"{findings.name(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
+        console.print(f"{findings.title(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
+    if findings.explanation:
+        console.print(findings.explanation, highlight=False)
     return findings
+
+
+def _names_kept(run: RunDirectory, playstyles: Playstyles) -> Mapping[int, str]:
+    """The user's names from an earlier analysis of the run, where it found the same styles."""
+    if not run.playstyles.exists():
+        return {}
+    before = Findings.from_json(read_json(run.playstyles))
+    return before.names if np.array_equal(before.playstyles.assignment, playstyles.assignment) else {}
 
 
 def likelihood_per_step(
@@ -101,7 +112,7 @@ def _metrics(findings: Findings, demonstrations: Demonstrations) -> dict[str, ob
     metrics: dict[str, object] = {
         "num_found": len(playstyles),
         "verdict": playstyles.verdict,
-        "shares": {findings.name(style): style.weight for style in playstyles.styles},
+        "shares": {findings.key(style): style.weight for style in playstyles.styles},
     }
     if "label" in demonstrations.attributes:
         labels = demonstrations.attributes["label"]

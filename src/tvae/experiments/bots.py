@@ -99,9 +99,9 @@ def try_bots(
     found: dict[str, dict[str, Any]] = {}
     intervals: dict[str, dict[str, Any]] = {}
     for style in findings.playstyles.styles:
-        name = findings.name(style)
+        name, shown = findings.key(style), findings.name(style)
         for choice, suffix in ((sampled, ""), (most_likely, "_most_likely")):
-            with counting(f"{name}: test episodes{suffix.replace('_', ' ')}", arena.episodes, console) as done:
+            with counting(f"{shown}: test episodes{suffix.replace('_', ' ')}", arena.episodes, console) as done:
                 episodes = bot_episodes(
                     model, style, arena, choice=choice, window=None, seed=seed, on_step=done
                 )

@@ -20,7 +20,7 @@ from tvae.pretrained import pretrained_directory
 
 
 def styles_of(directory: Path) -> tuple[NamedStyle, ...]:
-    """The styles in a directory, with their labels and words; none for a model without `playstyles.json`."""
+    """The styles in a directory, with their names and words; none for a model without `playstyles.json`."""
     path = directory / "playstyles.json"
     if not path.is_file():
         return ()
@@ -29,7 +29,7 @@ def styles_of(directory: Path) -> tuple[NamedStyle, ...]:
         found = Findings.from_json(data)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise TvaeError(f"{path} does not hold playstyles: {error}") from error
-    return named_styles(found.playstyles.styles, found.labels, found.words)
+    return named_styles(found.playstyles.styles, {**found.labels, **found.names}, found.words)
 
 
 def recorded_in_degrees(model: TrajectoryVAE, run: RunDirectory) -> list[str]:

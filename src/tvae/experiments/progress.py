@@ -12,7 +12,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from torch.utils.tensorboard import SummaryWriter
 
 from tvae.config import RunConfig
+from tvae.train import checkpoint
 from tvae.train.checkpoint import Record, Terms
+from tvae.train.diagnosis import ending
 from tvae.train.loop import Observer
 
 
@@ -40,7 +42,12 @@ def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator
         def on_note(note: str) -> None:
             bar.console.print(note, markup=False, highlight=False)
 
-        yield Observer(on_step, on_record, on_policy_step, on_note)
+        def on_end(progress: checkpoint.Progress) -> None:
+            said = ending(progress, config.training.num_steps)
+            if said:
+                bar.console.print(said, highlight=False)
+
+        yield Observer(on_step, on_record, on_policy_step, on_end, on_note)
 
 
 def scalars(record: Record) -> dict[str, float]:
@@ -83,7 +90,11 @@ def together(observers: Sequence[Observer]) -> Observer:
         for observer in observers:
             observer.on_note(note)
 
-    return Observer(on_step, on_record, on_policy_step, on_note)
+    def on_end(progress: checkpoint.Progress) -> None:
+        for observer in observers:
+            observer.on_end(progress)
+
+    return Observer(on_step, on_record, on_policy_step, on_end, on_note)
 
 
 @contextmanager

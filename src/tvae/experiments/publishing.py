@@ -70,7 +70,7 @@ def card(run: FinishedRun, repo_id: str, *, license: str | None) -> str:
     """
     check_repository(repo_id)
     about, model, findings = run.about, run.model, run.findings
-    metrics = read_json(run.directory.metrics)
+    metrics = findings.shown(read_json(run.directory.metrics))
     size = read_json(run.directory.config)["run"]["demonstrations"]
     spaces = ((OBSERVATION, model.observation_space), (ACTION, model.action_space))
     measured = tuple(measurements(metrics))
@@ -80,10 +80,10 @@ def card(run: FinishedRun, repo_id: str, *, license: str | None) -> str:
         repository=repo_id,
         verdict=findings.playstyles.verdict,
         styles=tuple(
-            CardStyle(findings.name(style), style.weight, findings.words[style.index])
+            CardStyle(findings.title(style), style.weight, findings.words[style.index])
             for style in findings.playstyles.styles
         ),
-        labelled=bool(findings.labels),
+        labelled=bool(findings.labels.keys() - findings.names.keys()),
         num_episodes=size["episodes"],
         num_steps=size["steps"],
         held_out=about.config.training.held_out,

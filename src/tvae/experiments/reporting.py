@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 from platform import python_version
 
 import numpy as np
@@ -15,12 +16,14 @@ from matplotlib.axes import Axes
 import tvae
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import load_demonstrations
+from tvae.data.table_sets import is_pattern
 from tvae.data.trajectory import Trajectory
 from tvae.evaluate.styles import Style
 from tvae.experiments.arenas import knowledge_of
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import About, about_run, history
 from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.figures.lanes import Scales
 from tvae.figures.palette import style_colour
 from tvae.figures.trajectories import draw_trajectory
 from tvae.report.content import ReportContent, StyleSection
@@ -34,9 +37,11 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     playstyles = findings.playstyles
     table = pq.read_table(run.styles)
     means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
-    metrics = read_json(run.metrics)
+    scales = Scales.of(demonstrations)
+    metrics = findings.shown(read_json(run.metrics))
     content = ReportContent(
-        title=about.title,
+        title=_name_of_data(run, about),
+        run=run.path.resolve().name,
         verdict=playstyles.verdict,
         demonstrations=demonstrations,
         episode_ids=tuple(str(episode) for episode in table["episode"].to_pylist()),
@@ -44,7 +49,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         assignment=table["style"].to_numpy(),
         probability=table["probability"].to_numpy(),
         styles=tuple(
-            _section(run, about, demonstrations, findings, style) for style in playstyles.styles
+            _section(run, about, demonstrations, findings, style, scales) for style in playstyles.styles
         ),
         command=shlex.join(["tvae", *about.command[1:]]),
         version=tvae.__version__,
@@ -59,12 +64,23 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     write(content, run.report)
 
 
+def _name_of_data(run: RunDirectory, about: About) -> str:
+    """The task's title where the run made its demonstrations itself, else the name of their file or data set."""
+    path = Path(about.source.path)
+    if path == run.demonstrations.resolve():
+        return about.title
+    if not path.is_absolute():
+        return about.source.path
+    return "/".join(path.parts[-2:]) if is_pattern(path.name) else path.name
+
+
 def _section(
     run: RunDirectory,
     about: About,
     demonstrations: Demonstrations,
     findings: Findings,
     style: Style,
+    scales: Scales,
 ) -> StyleSection:
     label = findings.labels.get(style.index)
     episodes, succeeded = None, None
@@ -81,14 +97,14 @@ def _section(
             special(axes, episode, colour)
         else:
             draw_trajectory(
-                axes, episode, demonstrations.observation_space, demonstrations.action_space, colour
+                axes, episode, demonstrations.observation_space, demonstrations.action_space, colour, scales
             )
 
     return StyleSection(
         name=style.name,
         weight=style.weight,
         draw=draw,
-        label=label,
+        label=findings.names.get(style.index, label),
         sentences=findings.words[style.index],
         prototypes=style.prototypes,
         test_episodes=episodes,

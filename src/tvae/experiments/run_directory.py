@@ -24,7 +24,7 @@ class RunDirectory:
     |--------------------------|---------------------------------------------------------------|
     | `config.json`            | schema version, model, configuration, data, command           |
     | `model.safetensors`      | weights                                                       |
-    | `playstyles.json`        | the styles: weights, distributions of z, words                |
+    | `playstyles.json`        | the styles: weights, distributions of z, words, own names     |
     | `styles.parquet`         | one row per episode: style, probability, z, likelihood        |
     | `metrics.json`           | numbers                                                       |
     | `history.json`           | the evaluations during training                               |

@@ -11,7 +11,7 @@ from rich.table import Column, Table
 
 from tvae.data.validation import Summary
 from tvae.evaluate.unlikeness import unlike_places, unlike_sessions
-from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.experiments.run_directory import read_json
 from tvae.experiments.sessions import Scored
 from tvae.experiments.using import FinishedRun
 
@@ -21,14 +21,14 @@ def styles_table(run: FinishedRun) -> Table:
     table = Table("style", "share", "what sets it apart")
     for style in run.findings.playstyles.styles:
         words = "\n".join(run.findings.words[style.index])
-        table.add_row(escape(run.findings.name(style)), f"{style.weight:.0%}", escape(words))
+        table.add_row(escape(run.findings.title(style)), f"{style.weight:.0%}", escape(words))
     return table
 
 
-def metrics_table(run: RunDirectory) -> Table:
+def metrics_table(run: FinishedRun) -> Table:
     """All of `metrics.json`."""
     table = Table("metric", "value")
-    for name, value in _leaves(read_json(run.metrics)):
+    for name, value in _leaves(run.findings.shown(read_json(run.directory.metrics))):
         table.add_row(escape(name), escape(_short(value)))
     return table
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
 from tvae.figures.canvas import DOUBLE_COLUMN, TEXT_SIZE, new_figure, plain_axes
+from tvae.figures.lanes import Scales
 from tvae.figures.palette import MUTED, style_colour
 from tvae.figures.trajectories import draw_trajectory
 from tvae.spaces import Angular, Binary, Categorical, FloatArray, Signal
@@ -51,12 +52,13 @@ def draw_overview(demonstrations: Demonstrations, *, most_signals: int = 24) -> 
         size = TEXT_SIZE * min(1.0, _FITTING / len(signal.name))
         axes.set_title(name.replace(".", "\n", 1), loc="left", fontsize=size, parse_math=False)
         _draw_distribution(axes, signal, values)
+    scales = Scales.of(demonstrations)
     for index, episode in enumerate(few.tolist()):
         trajectory = demonstrations[episode]
         title = f"episode {trajectory.attributes.get('episode', episode)}"
         axes = plain_axes(figure.add_subplot(grid[distributions, index]), title=title)
         draw_trajectory(
-            axes, trajectory, demonstrations.observation_space, demonstrations.action_space, style_colour(0)
+            axes, trajectory, demonstrations.observation_space, demonstrations.action_space, style_colour(0), scales
         )
     return figure
 

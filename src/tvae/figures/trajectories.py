@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from tvae.data.trajectory import Trajectory
 from tvae.figures.canvas import SMALL_TEXT_SIZE, new_figure
+from tvae.figures.lanes import Scales, draw_lanes, is_number, numbers_of
 from tvae.figures.palette import ALERT, INK, MUTED, PAPER
-from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
+from tvae.spaces import FloatArray, Space
 
 Draw: TypeAlias = Callable[[Axes, Trajectory], None]
 """Draws one episode on axes, which may hold others already."""
@@ -30,8 +31,6 @@ _PLACE = re.compile(r"(?P<head>.*[._/ -])?(?P<axis>[xy])(?P<tail>[._/ -].*)?", r
 _NO_PLACE = {"velocity", "vel", "speed", "delta", "force", "acceleration", "acc", "orientation", "direction"}
 _LINES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.5)))
 _EVENT_MARKERS = ("x", "+", "1", "2")
-_MOST_LANES = 6
-_MOST_STEPS = 150
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,7 @@ class Plane:
 def planes(space: Space) -> tuple[Plane, ...]:
     """The places among the signals: pairs of columns whose names differ in an x and a y only.
 
+    >>> from tvae.spaces import Continuous
     >>> agent = [Continuous(name) for name in ("agent_x", "agent_y", "velocity_x", "velocity_y", "energy")]
     >>> planes(Space(tuple(agent)))
     (Plane(name='agent', x=0, y=1),)
@@ -59,35 +59,26 @@ def planes(space: Space) -> tuple[Plane, ...]:
         head, tail = match["head"] or "", match["tail"] or ""
         twin = columns.get(head + ("y" if match["axis"] == "x" else "Y") + tail)
         words = re.split(r"[._/ -]", (head + tail).lower())
-        numbers = all(_is_number(space.signals[c]) for c in (column, twin) if c is not None)
+        numbers = all(is_number(space.signals[c]) for c in (column, twin) if c is not None)
         if twin is not None and numbers and not _NO_PLACE.intersection(words):
             found.append(Plane((head + tail).strip("._/ -"), column, twin))
     return tuple(found)
 
 
-def _is_number(signal: Signal) -> bool:
-    match signal:
-        case Categorical():
-            return all(isinstance(category, int) for category in signal.categories)
-        case _:
-            return isinstance(signal, Continuous)
-
-
-def _numbers(space: Space, rows: FloatArray, column: int) -> FloatArray:
-    """A column's values (N,): of an integer category the integer itself, not its index."""
-    signal = space.signals[column]
-    if isinstance(signal, Categorical) and _is_number(signal):
-        return np.array(signal.categories, dtype=float)[rows[:, column].astype(np.int64)]
-    return rows[:, column]
-
-
 def draw_trajectory(
-    axes: Axes, trajectory: Trajectory, observation_space: Space, action_space: Space, colour: str
+    axes: Axes,
+    trajectory: Trajectory,
+    observation_space: Space,
+    action_space: Space,
+    colour: str,
+    scales: Scales | None = None,
 ) -> None:
     """Paths in the plane, or the signals over time, with the steps marked at which a binary action was taken.
 
-    A path begins at the open circle and ends at the full one; the first place's is in `colour`.
+    A path begins at the open circle and ends at the full one; the first place's is in `colour`. Each signal over time
+    has its own scale: `scales`, by default that of this trajectory.
 
+    >>> from tvae.spaces import Binary, Continuous
     >>> place = Space((Continuous("x"), Continuous("y")))
     >>> walk = Trajectory(np.cumsum(np.ones((5, 2)), 0), np.array([[0.0], [1.0], [0.0], [0.0]]))
     >>> axes = new_figure(2, 2).add_subplot()
@@ -97,11 +88,12 @@ def draw_trajectory(
     """
     found = planes(observation_space)
     if not found:
-        _draw_lanes(axes, trajectory, observation_space, action_space, colour)
+        own = scales or Scales.of_rows(trajectory.observations, trajectory.actions)
+        draw_lanes(axes, trajectory, observation_space, action_space, colour, own)
         return
     axes.set_aspect("equal")
     paths = [
-        np.stack([_numbers(observation_space, trajectory.observations, c) for c in (plane.x, plane.y)], 1)
+        np.stack([numbers_of(observation_space, trajectory.observations, c) for c in (plane.x, plane.y)], 1)
         for plane in found
     ]
     for index in reversed(range(len(paths))):
@@ -125,39 +117,6 @@ def draw_events(axes: Axes, at: FloatArray, *, marker: str = "x", label: str = "
         axes.plot(*at.T, marker, markersize=5, color=INK, markeredgewidth=1.3, label=label)
 
 
-def _draw_lanes(axes: Axes, trajectory: Trajectory, observation_space: Space, action_space: Space, colour: str) -> None:
-    """A lane for each signal that varies, the first `_MOST_LANES` of them, observations before actions."""
-    lanes = [
-        (signal, _numbers(space, rows, column), shade)
-        for space, rows, shade in (
-            (observation_space, trajectory.observations, colour),
-            (action_space, trajectory.actions, MUTED),
-        )
-        for column, signal in enumerate(space.signals)
-        if np.ptp(rows[:, column]) > 0
-    ][:_MOST_LANES]
-    if not lanes:
-        axes.text(0.5, 0.5, "nothing varies", ha="center", size=SMALL_TEXT_SIZE, color=MUTED)
-    stride = ceil(len(trajectory) / _MOST_STEPS)
-    for lane, (signal, values, shade) in enumerate(lanes):
-        floor = -float(lane)
-        steps = np.arange(len(values))[::stride]
-        heights = (floor + 0.6 * (values - values.min()) / np.ptp(values))[::stride]
-        axes.text(0, floor + 0.66, signal.name, size=5.5, color=MUTED, parse_math=False)
-        match signal:
-            case Binary():
-                on = np.flatnonzero(values)
-                axes.plot(on, np.full(len(on), floor + 0.3), "|", markersize=6, color=INK)
-            case Angular():
-                turned = np.abs(np.diff(values[::stride], prepend=values[0])) > np.pi
-                axes.plot(steps, np.where(turned, np.nan, heights), color=shade, linewidth=0.9)
-            case Continuous():
-                axes.plot(steps, heights, color=shade, linewidth=0.9)
-            case Categorical():
-                axes.step(steps, heights, where="post", color=shade, linewidth=0.9)
-    axes.set_ylim(-max(len(lanes), 1) + 0.9, 1)
-
-
 def grid(
     trajectories: Sequence[Trajectory],
     draw: Draw,
@@ -168,6 +127,7 @@ def grid(
 ) -> Figure:
     """Small multiples, all at the same scale; those flagged (N,) are framed, and their titles stand out.
 
+    >>> from tvae.spaces import Continuous
     >>> place = Space((Continuous("x"), Continuous("y")))
     >>> walks = [Trajectory(np.cumsum(np.ones((5, 2)), 0) * k, np.zeros((4, 1))) for k in (1, 2)]
     >>> figure = grid(walks, lambda axes, walk: draw_path(axes, walk.observations, INK), ["short", "long"])

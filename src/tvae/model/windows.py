@@ -49,18 +49,19 @@ def cut_anywhere(batch: TrajectoryBatch, window: int | None) -> Windows:
     return whole(batch) if window is None else cut(batch.lengths, window, int(torch.randint(window, ())))
 
 
-def drawn(batch: TrajectoryBatch, window: int | None) -> Windows:
-    """What a bot with the rolling window W sees at one random moment of each trajectory, which alone counts.
+def drawn(batch: TrajectoryBatch, window: int | None, moments: int) -> Windows:
+    """What a bot with the rolling window W sees at some random `moments` of each trajectory, which alone count.
 
     None, a window without end, gives whole trajectories, all steps of which count.
     """
     if window is None:
         return whole(batch)
     window = min(window, int(batch.lengths.max()))
-    moment = (torch.rand_like(batch.lengths, dtype=torch.float64) * batch.lengths).long()
+    everyone = torch.arange(len(batch), device=batch.lengths.device).repeat_interleave(moments)
+    lengths = batch.lengths[everyone]
+    moment = (torch.rand_like(lengths, dtype=torch.float64) * lengths).long()
     start = (moment - window + 1).clamp_min(0)
     steps = start[:, None] + torch.arange(window, device=batch.lengths.device)
-    everyone = torch.arange(len(batch), device=batch.lengths.device)
     return Windows(everyone, steps.clamp_max(batch.actions.shape[1] - 1), steps == moment[:, None])
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from tvae.evaluate.words import explanation
 from tvae.report.markdown import escaped, fenced
 from tvae.report.tables import number, percent
 
@@ -15,6 +16,7 @@ class CardStyle:
     """A style in words."""
 
     name: str
+    """With its number, `style 0`, which sentences refer to."""
     weight: float
     """Its share of the demonstrations."""
     sentences: tuple[str, ...]
@@ -102,4 +104,8 @@ def card_page(content: CardContent) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "percent": percent}
-    return environment.get_template("card.md").render(card=content, fenced=fenced)
+    return environment.get_template("card.md").render(
+        card=content,
+        fenced=fenced,
+        explanation=explanation(sentence for style in content.styles for sentence in style.sentences),
+    )

@@ -26,7 +26,7 @@ class StyleSection:
     draw: Draw
     """Draws an episode of it; see `tvae.figures`."""
     label: str | None = None
-    """The label that most of its episodes carry, where the data has labels."""
+    """What the user calls it, or the label that most of its episodes carry, where the data has labels."""
     sentences: tuple[str, ...] = ()
     """What sets it apart."""
     prototypes: tuple[int, ...] = ()
@@ -54,6 +54,7 @@ class ReportContent:
     """
 
     title: str
+    """What the demonstrations are called, such as the name of their file."""
     verdict: str
     """What was found, in one sentence."""
     demonstrations: Demonstrations
@@ -73,6 +74,8 @@ class ReportContent:
     """Of tvae."""
     created: str
     """When, as people read it."""
+    run: str = ""
+    """What the run is called."""
     warnings: tuple[str, ...] = ()
     metrics: Mapping[str, Any] = field(default_factory=dict)
     """Nested, as in `metrics.json`."""

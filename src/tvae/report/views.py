@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from tvae.evaluate.playstyles import NOT_DISTINGUISHABLE
+from tvae.evaluate.words import explanation
 from tvae.figures.curves import training_curves
 from tvae.figures.markup import to_markup
 from tvae.figures.trajectories import Draw
@@ -76,6 +78,8 @@ class Explorer:
 class View:
     """All that the page shows beyond the words of its content."""
 
+    headline: str
+    subtitle: str
     tiles: tuple[Tile, ...]
     cards: tuple[Card, ...]
     explorer: Explorer | None
@@ -84,6 +88,8 @@ class View:
     """Role, name and kind."""
     metrics: tuple[MetricRow, ...]
     config: str
+    explanation: str
+    """Of what is in the sentences; may be empty."""
 
 
 def view(content: ReportContent) -> View:
@@ -95,6 +101,8 @@ def view(content: ReportContent) -> View:
     pictures = dict(zip(chosen.tolist(), sketches.pictures, strict=True))
     demonstrations = content.demonstrations
     return View(
+        headline=_headline(content),
+        subtitle=_subtitle(content),
         tiles=_tiles(content),
         cards=_cards(content, pictures, sketches.keys),
         explorer=_explorer(content, pictures, always) if latent else None,
@@ -109,7 +117,29 @@ def view(content: ReportContent) -> View:
         ),
         metrics=tuple(metric_rows(content.metrics)),
         config=json.dumps(content.config, indent=2, ensure_ascii=False, default=str) if content.config else "",
+        explanation=explanation(sentence for style in content.styles for sentence in style.sentences),
     )
+
+
+def _headline(content: ReportContent) -> str:
+    """How many playstyles there are in what."""
+    count = len(content.styles)
+    if count > 1:
+        return f"{count} playstyles in {content.title}"
+    told = "No distinct playstyles" if content.verdict.startswith(NOT_DISTINGUISHABLE) else "One playstyle"
+    return f"{told} in {content.title}"
+
+
+def _subtitle(content: ReportContent) -> str:
+    demonstrations = content.demonstrations
+    episodes = f"{len(demonstrations):,} session{'' if len(demonstrations) == 1 else 's'}"
+    size = f"{episodes}, {demonstrations.num_steps:,} steps, {_num_signals(content)} signals"
+    return f"{size}; run {content.run}" if content.run else size
+
+
+def _num_signals(content: ReportContent) -> int:
+    demonstrations = content.demonstrations
+    return demonstrations.observation_space.num_columns + demonstrations.action_space.num_columns
 
 
 def _title(style: StyleSection) -> str:

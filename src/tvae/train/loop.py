@@ -45,13 +45,14 @@ class TrainingError(TvaeError):
 class Observer:
     """Who is told of a training's progress: `on_step` of every step, `on_record` of every evaluation.
 
-    `on_policy_step` is told of every step of `tvae.train.policy.train_policy`, with the log-likelihood of an action,
-    `on_note`, in words, what was decided on the way.
+    `on_policy_step` is told of every step of `tvae.train.policy.train_policy`, with the log-likelihood of an action;
+    `on_end` where the training of the whole model ended; `on_note`, in words, what was decided after it.
     """
 
     on_step: Callable[[int, Terms], None] = lambda step, terms: None
     on_record: Callable[[Record], None] = lambda record: None
     on_policy_step: Callable[[int, float], None] = lambda step, nats: None
+    on_end: Callable[[Progress], None] = lambda progress: None
     on_note: Callable[[str], None] = lambda note: None
 
 
@@ -99,8 +100,9 @@ def train(
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
 
-    Warns with `TrainingWarning` (`tvae.train.diagnosis`) where the latent has collapsed or nothing was learnt. Raises
-    `TrainingError` where a gradient is not finite, and `CheckpointError` for a checkpoint of something else.
+    Warns with `TrainingWarning` (`tvae.train.diagnosis`) where the latent has collapsed, the model overfits, or nothing
+    was learnt. Raises `TrainingError` where a gradient is not finite, and `CheckpointError` for a checkpoint of
+    something else.
     """
     if batch_size is None:
         batch_size = suitable_batch_size(demonstrations.lengths)
@@ -144,6 +146,7 @@ def train(
     }
     if penalties:
         settings["penalties"] = tuple(penalties)
+    choosable = max(schedule.settled * num_steps, chosen)
     with seeded(seed, model.device):
         if checkpoint is not None and checkpoint.exists():
             progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
@@ -163,7 +166,7 @@ def train(
                 )
             held = evaluate(model, judging, batch_size=batch_size, seed=seed)
             record = Record(end, beta, _average(terms), held)
-            judged = _judge(progress, record, terms[-1].kl, max(schedule.settled * num_steps, chosen), state_weight)
+            judged = _judge(progress, record, terms[-1].kl, choosable, state_weight)
             if judged.best_step == end:
                 best = copy_of_weights(model)
             progress = replace(judged, finished=end == num_steps or judged.stale >= patience)
@@ -174,7 +177,8 @@ def train(
                 )
     model.load_state_dict(best)
     model.eval()
-    diagnose(model, progress, state_weight)
+    observer.on_end(progress)
+    diagnose(model, progress, state_weight, choosable)
     return progress.records
 
 

@@ -24,6 +24,8 @@ from tvae.train.memory import candidates
 
 _EVALUATIONS = 10
 _JUDGED_AT_ONCE = 32
+_MOMENTS = 16
+"""Of each trajectory that a step draws."""
 _LONGER = 0.5
 """Share of the steps whose window is any of those that a bot may be given, so that none of them is unlearnt."""
 
@@ -46,7 +48,7 @@ def train_policy(
     held_out: Lessons | None = None,
     *,
     num_steps: int,
-    batch_size: int = 256,
+    batch_size: int = 1_024,
     learning_rate: float = 1e-2,
     weight_decay: float = 1e-2,
     seed: int = 0,
@@ -62,8 +64,8 @@ def train_policy(
     (`tvae.train.latents.OfStyles`), as it is for a bot: what z tells beyond the style then no longer divides the
     demonstrations among many, and all episodes of a style teach each of its bots.
 
-    Each step takes `batch_size` moments, evenly from all steps of the demonstrations, each with the window of the past
-    that a bot would see there, and one step of AdamW, its learning rate falling to nothing along half a cosine. Of a
+    Each step takes `batch_size` moments, evenly from all steps of the demonstrations, 16 of a trajectory that is drawn,
+    each with the window of the past that a bot would see there, and one step of AdamW, its learning rate falling to nothing along half a cosine. Of a
     model without windows a step takes whole trajectories that have about as many moments together. The randomness of a
     step depends on `seed` and the step alone. `on_step` is told each step and the mean log-likelihood of an action, in
     nats.
@@ -94,7 +96,7 @@ def train_policy(
     demonstrations = lessons.demonstrations
     shares = demonstrations.lengths / demonstrations.num_steps
     lengths = candidates(model.window, model.bot_window or 1)
-    size = batch_size if model.bot_window is not None else math.ceil(batch_size / demonstrations.lengths.mean())
+    size = math.ceil(batch_size / (demonstrations.lengths.mean() if model.bot_window is None else _MOMENTS))
     best = None if held_out is None else _Best(model, decoders, held_out, seed)
     decoders.train()
     with seeded(seed, model.device):
@@ -107,7 +109,7 @@ def train_policy(
             episodes = random.choice(len(demonstrations), size=size, p=shares)
             batch = batch_of(demonstrations, episodes, model.device)
             window = lengths[random.integers(len(lengths))] if random.random() < _LONGER else model.bot_window
-            windows = drawn(batch, window)
+            windows = drawn(batch, window, _MOMENTS)
             z = latent_of(model, lessons.latents.draw(episodes, random), size)
             nats = policy_log_likelihood(model, batch, z, windows).sum() / windows.valid.sum()
             if not nats.isfinite():
