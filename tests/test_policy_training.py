@@ -103,14 +103,15 @@ def test_a_likelihood_that_is_not_finite_is_an_error_in_words(walks: Demonstrati
 
 @pytest.mark.parametrize("window", [1, 2, 3, 50])
 def test_a_moment_is_seen_with_the_past_that_a_bot_would_have_there(window: int):
-    batch = batch_of(noise([1, 2, 5, 9] * 50), np.arange(200))
-    windows = drawn(batch, window)
+    batch = batch_of(noise([1, 2, 5, 9] * 25), np.arange(100))
+    windows = drawn(batch, window, 3)
     assert (windows.valid.sum(1) == 1).all()
     moment = windows.steps[windows.valid]
-    assert torch.equal(windows.trajectory, torch.arange(200))
-    assert (moment < batch.lengths).all()
-    for lengths in (1, 2, 5, 9):
-        assert set(moment[batch.lengths == lengths].tolist()) == set(range(lengths))
+    assert windows.trajectory.bincount().tolist() == [3] * 100
+    lengths = batch.lengths[windows.trajectory]
+    assert (moment < lengths).all()
+    for length in (1, 2, 5, 9):
+        assert set(moment[lengths == length].tolist()) == set(range(length))
     before = windows.valid.long().argmax(1)
     assert torch.equal(before, moment.clamp_max(min(window, 9) - 1))
     assert (windows.steps[:, 1:] - windows.steps[:, :-1] >= 0).all()
@@ -118,7 +119,7 @@ def test_a_moment_is_seen_with_the_past_that_a_bot_would_have_there(window: int)
 
 def test_a_window_without_end_is_the_whole_episode():
     batch = batch_of(noise([2, 5]), np.arange(2))
-    assert torch.equal(drawn(batch, None).valid, whole(batch).valid)
+    assert torch.equal(drawn(batch, None, 3).valid, whole(batch).valid)
 
 
 def test_a_model_without_windows_learns_from_whole_episodes(walks: Demonstrations):

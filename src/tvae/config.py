@@ -88,7 +88,7 @@ class PolicyConfig:
     """Steps in which the policy alone learns further; None for as many as the training before had."""
     batch_size: int = 1_024
     """Moments in a step."""
-    learning_rate: float = 1e-2
+    learning_rate: float = 5e-3
     """Of AdamW, at the start."""
 
 

@@ -62,7 +62,7 @@ def train(
     held_out: Demonstrations,
     *,
     schedule: KLSchedule,
-    num_steps: int = 4_000,
+    num_steps: int = 2_500,
     batch_size: int | None = None,
     learning_rate: float = 2e-3,
     clip: float = 1.0,

@@ -49,7 +49,7 @@ def train_policy(
     *,
     num_steps: int,
     batch_size: int = 1_024,
-    learning_rate: float = 1e-2,
+    learning_rate: float = 5e-3,
     weight_decay: float = 1e-2,
     seed: int = 0,
     on_step: Callable[[int, float], None] = lambda step, nats: None,
@@ -64,11 +64,11 @@ def train_policy(
     (`tvae.train.latents.OfStyles`), as it is for a bot: what z tells beyond the style then no longer divides the
     demonstrations among many, and all episodes of a style teach each of its bots.
 
-    Each step takes `batch_size` moments, evenly from all steps of the demonstrations, 16 of a trajectory that is drawn,
-    each with the window of the past that a bot would see there, and one step of AdamW, its learning rate falling to nothing along half a cosine. Of a
-    model without windows a step takes whole trajectories that have about as many moments together. The randomness of a
-    step depends on `seed` and the step alone. `on_step` is told each step and the mean log-likelihood of an action, in
-    nats.
+    Each step takes `batch_size` moments, 16 of each trajectory that it draws and evenly from all steps of the
+    demonstrations, each with the window of the past that a bot would see there (half of the steps, all with another
+    window of those that a bot may be given). Of a model without windows a step takes whole trajectories that have about
+    as many moments together. AdamW's learning rate falls to nothing along half a cosine. The randomness of a step
+    depends on `seed` and the step alone. `on_step` is told each step and the mean log-likelihood of an action, in nats.
 
     With `held_out`, its mean log-likelihood of an action is measured before, and ten times on the way, and the weights
     with the best one are kept, those before among them. Without, `num_steps` says how near the policy comes to its
