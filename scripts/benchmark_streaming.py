@@ -31,8 +31,8 @@ import torch
 from numpy.lib.format import open_memmap
 
 from tvae.data.demonstrations import Demonstrations
+from tvae.fitting.fit import fit
 from tvae.spaces import Angular, Binary, Continuous, Space
-from tvae.train.fitting import fit
 from tvae.train.loop import Observer
 
 OBSERVATION = Space((Continuous("x"), Continuous("y")))

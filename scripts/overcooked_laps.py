@@ -52,13 +52,13 @@ from tvae.experiments.benchmark.ours import AnyStyle
 from tvae.experiments.fitting import schedule_of
 from tvae.experiments.tasks import overcooked
 from tvae.files import appearing
+from tvae.fitting.fit import new_model
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.restless import Restless
 from tvae.model.decoding import Tempered
 from tvae.model.tvae import TrajectoryVAE
 from tvae.rollouts import Policy, rollout
 from tvae.spaces import FloatArray, IntArray
-from tvae.train.fitting import new_model
 from tvae.train.latents import OfStyles
 from tvae.train.loop import evaluate, train
 from tvae.train.policy import Lessons, train_policy

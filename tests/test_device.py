@@ -6,9 +6,9 @@ import torch
 from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.data.batches import TrajectoryBatch
 from tvae.device import DeviceError, reseed, resolve_device, seeded
+from tvae.fitting.fit import fit
 from tvae.model.elbo import elbo
 from tvae.model.windows import whole
-from tvae.train.fitting import fit
 
 
 @pytest.fixture

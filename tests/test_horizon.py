@@ -8,10 +8,10 @@ import torch
 
 from toys import noise, two_styles, untrained
 from tvae.data.batches import batch_of
+from tvae.fitting.fit import fit
 from tvae.model.elbo import elbo, predicted_states, state_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import cut, whole
-from tvae.train.fitting import fit
 
 LENGTHS, ENDS = [7, 2, 5], [True, True, False]
 

@@ -10,12 +10,12 @@ from toys import noise, untrained
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
+from tvae.fitting.fit import fit
 from tvae.model.decoding import EventMemory, Recurrence, most_likely
 from tvae.model.elbo import log_likelihood
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import rolling
 from tvae.spaces import Binary, Continuous, Space
-from tvae.train.fitting import fit
 from tvae.train.memory import shortest_sufficient_window
 
 ONE, BIT = Space((Continuous("x"),)), Space((Continuous("dx"),))

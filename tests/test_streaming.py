@@ -24,9 +24,9 @@ from tvae.evaluate import mixtures
 from tvae.evaluate.mixtures import Components, assign
 from tvae.experiments import analysis
 from tvae.experiments.analysis import likelihood_per_step
+from tvae.fitting.fit import fit, new_model
 from tvae.model import calibration
 from tvae.train import loop
-from tvae.train.fitting import fit, new_model
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 

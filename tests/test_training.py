@@ -23,13 +23,13 @@ from tvae.data.batches import TrajectoryBatch, batch_of, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.envs.zombie import zombie_demonstrations
 from tvae.experiments.progress import together, watching
+from tvae.fitting.fit import fit, new_model
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut, whole
 from tvae.spaces import Continuous, Space
 from tvae.train.checkpoint import CheckpointError, Progress, Record, Terms
 from tvae.train.diagnosis import TrainingWarning, diagnose, ending
-from tvae.train.fitting import fit, new_model
 from tvae.train.loop import Observer, TrainingError, evaluate, train
 from tvae.train.schedules import RAISED, Budget, Constant, KLSchedule, Piecewise
 
@@ -72,6 +72,7 @@ def test_fit_and_the_configuration_have_the_same_defaults() -> None:
     asked = {name: p.default for name, p in inspect.signature(fit).parameters.items()}
     config = RunConfig().to_json()
     shared = {**config["model"], **config["training"]}
+    assert asked["policy_steps"] == config["policy"]["num_steps"]
     assert asked["schedule"] == RAISED == Piecewise(shared.pop("kl_points"))
     assert {name: asked[name] for name in shared if name in asked} == {n: v for n, v in shared.items() if n in asked}
     assert len(shared.keys() & asked.keys()) >= 20
@@ -551,7 +552,7 @@ def test_fit_resumes_from_its_checkpoint(tmp_path: Path):
 
 def test_fit_hands_its_arguments_on(monkeypatch: pytest.MonkeyPatch):
     told: dict[str, object] = {}
-    monkeypatch.setattr("tvae.train.fitting.train", lambda *arguments, **keywords: told.update(keywords))
+    monkeypatch.setattr("tvae.fitting.fit.train", lambda *arguments, **keywords: told.update(keywords))
     model = fit(two_styles(10), device="cpu", encode_actions=False, dynamics=True, state_weight=0.5)
     assert (model.encode_actions, model.dynamics, told["state_weight"]) == (False, True, 0.5)
 

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from tvae.data.trajectory import Trajectory as Trajectory
     from tvae.evaluate.playstyles import discover as discover
     from tvae.evaluate.styles import Playstyles as Playstyles
+    from tvae.fitting.fit import fit as fit
     from tvae.generate.closed_loop import Agent as Agent
     from tvae.generate.closed_loop import rollout as rollout
     from tvae.generate.closed_loop import rollout_parallel as rollout_parallel
     from tvae.generate.open_loop import imagine as imagine
     from tvae.model.tvae import TrajectoryVAE as TrajectoryVAE
-    from tvae.train.fitting import fit as fit
 
 __version__ = "0.1.0"
 
@@ -33,7 +33,7 @@ _HOMES = {
     "Trajectory": "tvae.data.trajectory",
     "TrajectoryVAE": "tvae.model.tvae",
     "discover": "tvae.evaluate.playstyles",
-    "fit": "tvae.train.fitting",
+    "fit": "tvae.fitting.fit",
     "imagine": "tvae.generate.open_loop",
     "load_demonstrations": "tvae.data.sources",
     "rollout": "tvae.generate.closed_loop",

@@ -19,15 +19,15 @@ from tvae.data.batches import evenly, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import together, watching
-from tvae.experiments.refining import refine_policy
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
 from tvae.experiments.source import Source
 from tvae.experiments.tracking import Tracker
+from tvae.fitting.fit import new_model
+from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.diagnosis import TrainingWarning
-from tvae.train.fitting import new_model
 from tvae.train.loop import MOST_JUDGED_STEPS, Observer, evaluate, train
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
 from tvae.train.schedules import Budget, KLSchedule, Piecewise
@@ -141,7 +141,7 @@ def trained(
 ) -> tuple[TrajectoryVAE, tuple[Record, ...]]:
     """The model of a configuration, trained on all but its held-out demonstrations, and its evaluations.
 
-    The steps of the policy alone follow, if the configuration has any (`tvae.experiments.refining`); the evaluations
+    The steps of the policy alone follow, if the configuration has any (`tvae.fitting.refine`); the evaluations
     are those before.
     """
     training, held_out = split(demonstrations, config)
@@ -166,7 +166,16 @@ def trained(
         observer=observer,
     )
     if config.policy_steps:
-        refine_policy(model, training, held_out, config, observer)
+        refine_policy(
+            model,
+            training,
+            held_out,
+            num_steps=config.policy_steps,
+            batch_size=config.policy.batch_size,
+            learning_rate=config.policy.learning_rate,
+            seed=config.seed,
+            observer=observer,
+        )
     return model, records
 
 

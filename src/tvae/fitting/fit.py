@@ -10,6 +10,7 @@ import torch
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device, seeded
+from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
 from tvae.train.penalties import Penalty
@@ -45,6 +46,7 @@ def fit(
     patience: int = 10,
     held_out: float = 0.1,
     group: str | None = None,
+    policy_steps: int | None = None,
     seed: int = 0,
     device: str = "auto",
     checkpoint: str | Path | None = None,
@@ -53,7 +55,8 @@ def fit(
     """A `TrajectoryVAE` trained on all but a held-out part of the demonstrations.
 
     The first arguments are those of `TrajectoryVAE`, the later ones those of `train`. `held_out` is the share of
-    episodes kept for early stopping; with `group`, an attribute, groups stay whole.
+    episodes kept for early stopping; with `group`, an attribute, groups stay whole. The policy then learns further
+    alone (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, 0 for none.
     """
     training, judged = demonstrations.split(held_out, seed=seed, group=group)
     model = new_model(
@@ -93,6 +96,9 @@ def fit(
         checkpoint=None if checkpoint is None else Path(checkpoint),
         observer=observer,
     )
+    further = num_steps if policy_steps is None else policy_steps
+    if further:
+        refine_policy(model, training, judged, num_steps=further, seed=seed, observer=observer)
     return model
 
 

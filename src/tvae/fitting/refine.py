@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from tvae.config import RunConfig
 from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import encode
@@ -21,10 +20,14 @@ def refine_policy(
     model: TrajectoryVAE,
     training: Demonstrations,
     held_out: Demonstrations,
-    config: RunConfig,
-    observer: Observer,
+    *,
+    num_steps: int,
+    batch_size: int = 1_024,
+    learning_rate: float = 5e-3,
+    seed: int = 0,
+    observer: Observer = Observer(),  # noqa: B008 - frozen
 ) -> None:
-    """Train the policy decoder of `model` alone, in place, for `config.policy_steps`, as its demonstrations allow.
+    """Train the policy decoder of `model` alone, in place, for `num_steps`, as its demonstrations allow.
 
     Where z holds a style and little else, what it does hold of each episode is about the world, and a policy that was
     told it is misled when a bot acts elsewhere. So the policy is first told z of any episode of the same style. That
@@ -39,21 +42,21 @@ def refine_policy(
             model,
             lessons,
             judged,
-            num_steps=config.policy_steps,
-            batch_size=config.policy.batch_size,
-            learning_rate=config.policy.learning_rate,
-            seed=config.seed,
+            num_steps=num_steps,
+            batch_size=batch_size,
+            learning_rate=learning_rate,
+            seed=seed,
             on_step=observer.on_policy_step,
         )
 
     training, held_out = evenly(training, _MOST_STEPS), evenly(held_out, _MOST_JUDGED_STEPS)
     theirs, others = encode(model, training), encode(model, held_out)
     of_episodes = Lessons(held_out, OfEpisodes(others.means, others.scales))
-    before, weights = log_likelihoods(model, of_episodes, seed=config.seed), copy_of_weights(model)
-    styles = find_playstyles(theirs, seed=config.seed)
+    before, weights = log_likelihoods(model, of_episodes, seed=seed), copy_of_weights(model)
+    styles = find_playstyles(theirs, seed=seed)
     of_styles = Lessons(held_out, OfStyles(styles.styles, styles.assign(others)[0]))
     further(Lessons(training, OfStyles(styles.styles, styles.assignment)), of_styles)
-    after = log_likelihoods(model, of_styles, seed=config.seed)
+    after = log_likelihoods(model, of_styles, seed=seed)
     if is_lossless(after - before, held_out.lengths):
         observer.on_note("The policy learnt alone from z of the styles, as its bots get it.")
         return
