@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar, cast
 
+from tvae.fitting import MOST_POLICY_STEPS
+
 T = TypeVar("T")
 
 
@@ -85,7 +87,7 @@ class PolicyConfig:
     """How the policy learns further, alone (`tvae.train.policy.train_policy`)."""
 
     num_steps: int | None = None
-    """Steps in which the policy alone learns further; None for as many as the training before had."""
+    """Steps in which the policy alone learns further; None for as many as the training before, at most 2,500."""
     batch_size: int = 1_024
     """Moments in a step."""
     learning_rate: float = 5e-3
@@ -111,7 +113,7 @@ class RunConfig:
         (2500, 0)
         """
         asked = self.policy.num_steps
-        return self.training.num_steps if asked is None else asked
+        return min(self.training.num_steps, MOST_POLICY_STEPS) if asked is None else asked
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a JSON file."""

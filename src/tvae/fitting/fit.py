@@ -10,6 +10,7 @@ import torch
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device, seeded
+from tvae.fitting import MOST_POLICY_STEPS
 from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import Observer, train
@@ -56,7 +57,7 @@ def fit(
 
     The first arguments are those of `TrajectoryVAE`, the later ones those of `train`. `held_out` is the share of
     episodes kept for early stopping; with `group`, an attribute, groups stay whole. The policy then learns further
-    alone (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, 0 for none.
+    alone (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, at most 2,500, and 0 for none.
     """
     training, judged = demonstrations.split(held_out, seed=seed, group=group)
     model = new_model(
@@ -96,7 +97,7 @@ def fit(
         checkpoint=None if checkpoint is None else Path(checkpoint),
         observer=observer,
     )
-    further = num_steps if policy_steps is None else policy_steps
+    further = min(num_steps, MOST_POLICY_STEPS) if policy_steps is None else policy_steps
     if further:
         refine_policy(model, training, judged, num_steps=further, seed=seed, observer=observer)
     return model

@@ -1,6 +1,8 @@
-"""What the policy is told while it learns alone: z of styles, as bots get it, if nothing is lost by that."""
+"""What the policy is told while it learns alone: z of styles, as bots get it, unless z holds more of how to act."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
@@ -8,10 +10,10 @@ from tvae.evaluate.encoding import encode
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.latents import OfEpisodes, OfStyles
-from tvae.train.loop import Observer, copy_of_weights
-from tvae.train.memory import is_lossless
+from tvae.train.loop import Observer
 from tvae.train.policy import Lessons, log_likelihoods, train_policy
 
+_STANDARD_ERRORS, _WORTH = 2.0, 0.5
 _MOST_STEPS, _MOST_JUDGED_STEPS = 1_000_000, 20_000
 """Of demonstrations that are learnt from, and by which that is judged; of more, evenly spaced episodes."""
 
@@ -29,37 +31,42 @@ def refine_policy(
 ) -> None:
     """Train the policy decoder of `model` alone, in place, for `num_steps`, as its demonstrations allow.
 
-    Where z holds a style and little else, what it does hold of each episode is about the world, and a policy that was
-    told it is misled when a bot acts elsewhere. So the policy is first told z of any episode of the same style. That
-    is kept unless held-out actions are thereby clearly less likely than they were before, each at z of its own episode
-    (`tvae.train.memory.is_lossless`): then z holds more than the style of how to act, such as the goal of a walk, and
-    the policy learns anew from z of each episode itself. Either way the weights are kept under which held-out actions
-    are most likely, and these may be those from before.
-    """
+    A bot's z is that of any episode of its style. So the policy is told such a z, if another episode's serves as well:
+    where z holds a style and little else, what else it holds of an episode is about the world, and a policy that was
+    told it is misled when a bot acts elsewhere. Where z holds more than the style of how to act, such as the goal of a
+    walk, the policy would unlearn that, and is told z of each episode itself. Which it is, the policy as it is shows:
 
-    def further(lessons: Lessons, judged: Lessons) -> None:
-        train_policy(
-            model,
-            lessons,
-            judged,
-            num_steps=num_steps,
-            batch_size=batch_size,
-            learning_rate=learning_rate,
-            seed=seed,
-            on_step=observer.on_policy_step,
-        )
+        d_i = log pi(a_1:T of trajectory i at z ~ q_k, k its style) - log pi(a_1:T of it at z ~ q(z | tau_i))
+
+    over held-out trajectories, and it is the style where `mean_i d_i + 2 sd(d_i) / sqrt(E) >= -0.5` nats. A style that
+    falls into two halves which act differently in all would be worth ln 2.
+
+    The weights are kept under which held-out actions are most likely, and these may be those from before.
+    """
 
     training, held_out = evenly(training, _MOST_STEPS), evenly(held_out, _MOST_JUDGED_STEPS)
     theirs, others = encode(model, training), encode(model, held_out)
-    of_episodes = Lessons(held_out, OfEpisodes(others.means, others.scales))
-    before, weights = log_likelihoods(model, of_episodes, seed=seed), copy_of_weights(model)
     styles = find_playstyles(theirs, seed=seed)
-    of_styles = Lessons(held_out, OfStyles(styles.styles, styles.assign(others)[0]))
-    further(Lessons(training, OfStyles(styles.styles, styles.assignment)), of_styles)
-    after = log_likelihoods(model, of_styles, seed=seed)
-    if is_lossless(after - before, held_out.lengths):
-        observer.on_note("The policy learnt alone from z of the styles, as its bots get it.")
-        return
-    model.load_state_dict(weights)
-    observer.on_note("z holds more than styles of how to act: the policy learnt alone from z of each episode.")
-    further(Lessons(training, OfEpisodes(theirs.means, theirs.scales)), of_episodes)
+    assigned, _ = styles.assign(others)
+    lessons = Lessons(training, OfStyles(styles.styles, styles.assignment))
+    judged = Lessons(held_out, OfStyles(styles.styles, assigned))
+    by_episode = Lessons(held_out, OfEpisodes(others.means, others.scales))
+    gained = log_likelihoods(model, judged, seed=seed) - log_likelihoods(model, by_episode, seed=seed)
+    if gained.mean() + _STANDARD_ERRORS * gained.std() / np.sqrt(len(gained)) < -_WORTH:
+        observer.on_note(
+            f"z holds more than styles of how to act ({-gained.mean():.1f} nats of an episode): the policy learns "
+            "further from z of each episode."
+        )
+        lessons, judged = Lessons(training, OfEpisodes(theirs.means, theirs.scales)), by_episode
+    else:
+        observer.on_note("The policy learns further from z of any episode of a style, as its bots get it.")
+    train_policy(
+        model,
+        lessons,
+        judged,
+        num_steps=num_steps,
+        batch_size=batch_size,
+        learning_rate=learning_rate,
+        seed=seed,
+        on_step=observer.on_policy_step,
+    )

@@ -10,7 +10,7 @@ the shortest one is kept under which held-out actions are hardly less likely tha
 
     mean_i d_i + 2 sd(d_i) / sqrt(E) >= -0.02 mean_i T_i,
 
-    d_i = log p_W(a_1:T of trajectory i) - log p_longest(a_1:T of trajectory i)      (`is_lossless`)
+    d_i = log p_W(a_1:T of trajectory i) - log p_longest(a_1:T of trajectory i)
 
 with the same z ~ q(z | tau_i) in both: a longer memory has to be worth 0.02 nats a step.
 """
@@ -26,7 +26,7 @@ from tvae.device import seeded
 from tvae.model.elbo import policy_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import rolling
-from tvae.spaces import FloatArray, IntArray
+from tvae.spaces import FloatArray
 
 _STANDARD_ERRORS = 2.0
 _WORTH = 0.02
@@ -53,22 +53,11 @@ def shortest_sufficient_window(
     best = _log_probability(model, some, model.window, seed)
     for window in candidates(model.window, shortest):
         assert window is not None
-        if is_lossless(_log_probability(model, some, window, seed) - best, some.lengths):
+        lost = _log_probability(model, some, window, seed) - best
+        allowed = -_WORTH * some.lengths.mean()
+        if lost.mean() + _STANDARD_ERRORS * lost.std() / np.sqrt(len(lost)) >= allowed:
             return window
     return model.window
-
-
-def is_lossless(gained: FloatArray, lengths: IntArray) -> bool:
-    """Whether trajectories of these lengths (E,), whose log-probability changed by `gained` (E,) nats, lose nothing.
-
-    Nothing: not more than 0.02 nats a step, within two standard errors.
-
-    >>> lengths = np.full(100, 50)
-    >>> is_lossless(np.full(100, -0.9), lengths), is_lossless(np.full(100, -1.1), lengths)
-    (True, False)
-    """
-    most = gained.mean() + _STANDARD_ERRORS * gained.std() / np.sqrt(len(gained))
-    return bool(most >= -_WORTH * lengths.mean())
 
 
 def candidates(window: int | None, shortest: int) -> tuple[int | None, ...]:
