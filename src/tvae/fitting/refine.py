@@ -43,7 +43,6 @@ def refine_policy(
 
     The weights are kept under which held-out actions are most likely, and these may be those from before.
     """
-
     training, held_out = evenly(training, _MOST_STEPS), evenly(held_out, _MOST_JUDGED_STEPS)
     theirs, others = encode(model, training), encode(model, held_out)
     styles = find_playstyles(theirs, seed=seed)
@@ -52,14 +51,12 @@ def refine_policy(
     judged = Lessons(held_out, OfStyles(styles.styles, assigned))
     by_episode = Lessons(held_out, OfEpisodes(others.means, others.scales))
     gained = log_likelihoods(model, judged, seed=seed) - log_likelihoods(model, by_episode, seed=seed)
+    lost = f"with z of another one, an episode's actions lose {-gained.mean():.1f} nats"
     if gained.mean() + _STANDARD_ERRORS * gained.std() / np.sqrt(len(gained)) < -_WORTH:
-        observer.on_note(
-            f"z holds more than styles of how to act ({-gained.mean():.1f} nats of an episode): the policy learns "
-            "further from z of each episode."
-        )
+        observer.on_note(f"the policy learns further from z of each episode itself: {lost}")
         lessons, judged = Lessons(training, OfEpisodes(theirs.means, theirs.scales)), by_episode
     else:
-        observer.on_note("The policy learns further from z of any episode of a style, as its bots get it.")
+        observer.on_note(f"the policy learns further from z of any episode of a style, as bots get it: {lost}")
     train_policy(
         model,
         lessons,
