@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import encode
@@ -13,7 +11,8 @@ from tvae.train.latents import OfEpisodes, OfStyles
 from tvae.train.loop import Observer
 from tvae.train.policy import Lessons, log_likelihoods, train_policy
 
-_STANDARD_ERRORS, _WORTH = 2.0, 0.5
+_WORTH = 0.5
+"""Nats of an episode."""
 _MOST_STEPS, _MOST_JUDGED_STEPS = 1_000_000, 20_000
 """Of demonstrations that are learnt from, and by which that is judged; of more, evenly spaced episodes."""
 
@@ -38,8 +37,8 @@ def refine_policy(
 
         d_i = log pi(a_1:T of trajectory i at z ~ q_k, k its style) - log pi(a_1:T of it at z ~ q(z | tau_i))
 
-    over held-out trajectories, and it is the style where `mean_i d_i + 2 sd(d_i) / sqrt(E) >= -0.5` nats. A style that
-    falls into two halves which act differently in all would be worth ln 2.
+    over held-out trajectories, and it is the style where their mean is at least -0.5 nats. A style that falls into two
+    halves which act differently in all would be worth ln 2.
 
     The weights are kept under which held-out actions are most likely, and these may be those from before.
     """
@@ -51,8 +50,8 @@ def refine_policy(
     judged = Lessons(held_out, OfStyles(styles.styles, assigned))
     by_episode = Lessons(held_out, OfEpisodes(others.means, others.scales))
     gained = log_likelihoods(model, judged, seed=seed) - log_likelihoods(model, by_episode, seed=seed)
-    lost = f"with z of another one, an episode's actions lose {-gained.mean():.1f} nats"
-    if gained.mean() + _STANDARD_ERRORS * gained.std() / np.sqrt(len(gained)) < -_WORTH:
+    lost = f"with z of another one, an episode's actions lose {max(-gained.mean(), 0.0):.1f} nats"
+    if gained.mean() < -_WORTH:
         observer.on_note(f"the policy learns further from z of each episode itself: {lost}")
         lessons, judged = Lessons(training, OfEpisodes(theirs.means, theirs.scales)), by_episode
     else:
