@@ -93,7 +93,7 @@ def test_training_reads_no_more_of_many_than_of_few(
         assert isinstance(observations, np.memmap)
         Watched.most = Watched.total = 0
         watched = replace(demonstrations, observations=observations.view(Watched))
-        fit(watched, num_steps=1, hidden_features=4, window=None, device="cpu")
+        fit(watched, num_steps=1, policy_steps=0, hidden_features=4, window=None, device="cpu")
         assert Watched.most < 5_000
         read.append(Watched.total)
         shutil.rmtree(tmp_path / "walks.tvae")
