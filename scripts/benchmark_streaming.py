@@ -33,7 +33,7 @@ from numpy.lib.format import open_memmap
 from tvae.data.demonstrations import Demonstrations
 from tvae.fitting.fit import fit
 from tvae.spaces import Angular, Binary, Continuous, Space
-from tvae.train.loop import Observer
+from tvae.train.observer import Observer
 
 OBSERVATION = Space((Continuous("x"), Continuous("y")))
 ACTION = Space((Angular("heading"), Binary("rest")))

@@ -15,14 +15,15 @@ from tvae.config import ModelConfig, PolicyConfig, RunConfig, TrainingConfig
 from tvae.data.arrays import from_arrays
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
-from tvae.evaluate.encoding import encode
+from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.experiments.fitting import trained
 from tvae.model.decoding import Fixed
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import drawn, whole
-from tvae.train.latents import OfEpisodes, OfStyles
-from tvae.train.loop import Observer, TrainingError
+from tvae.train.latents import OfStyles
+from tvae.train.loop import TrainingError
+from tvae.train.observer import Observer
 from tvae.train.policy import Lessons, log_likelihoods, train_policy
 
 
@@ -143,9 +144,9 @@ def test_of_what_was_learnt_what_makes_held_out_actions_most_likely_is_kept(walk
 
 def test_the_likelihood_of_an_episode_is_that_of_its_own_z(walks: Demonstrations):
     model, z = after(walks), np.where(ways(walks)[:, None] == 0, [[-1.0, 0.0]], [[1.0, 0.0]])
-    own = log_likelihoods(model, Lessons(walks, OfEpisodes(z, np.full_like(z, 1e-9))))
+    own = log_likelihoods(model, Lessons(walks, Posteriors(z, np.full_like(z, 1e-9))))
     assert own == pytest.approx(log_likelihoods(model, Lessons(walks, OfStyles(SIDES, ways(walks)))), abs=1e-3)
-    other = log_likelihoods(model, Lessons(walks, OfEpisodes(-z, np.full_like(z, 1e-9))))
+    other = log_likelihoods(model, Lessons(walks, Posteriors(-z, np.full_like(z, 1e-9))))
     assert (own > other + 3).all()
 
 
@@ -207,9 +208,9 @@ def test_where_z_holds_more_than_a_style_of_how_to_act_the_policy_is_told_that_o
     (note,) = notes
     assert note.startswith("the policy learns further from z of each episode itself")
     posteriors = encode(model, held)
-    mine = log_likelihoods(model, Lessons(held, OfEpisodes(posteriors.means, posteriors.scales))).mean()
+    mine = log_likelihoods(model, Lessons(held, posteriors)).mean()
     others = np.roll(posteriors.means, 1, axis=0)
-    assert mine > log_likelihoods(model, Lessons(held, OfEpisodes(others, posteriors.scales))).mean() + 5
+    assert mine > log_likelihoods(model, Lessons(held, Posteriors(others, posteriors.scales))).mean() + 5
 
 
 def test_a_model_without_a_latent_learns_too(walks: Demonstrations, tmp_path: Path):

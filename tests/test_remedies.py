@@ -31,7 +31,8 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.train.checkpoint import CheckpointError, Terms
 from tvae.train.diagnosis import TrainingWarning
 from tvae.train.independence import centred, kernel, start_nats
-from tvae.train.loop import Observer, train
+from tvae.train.loop import train
+from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart, with_swapped_starts
 from tvae.train.schedules import Budget, Constant, Piecewise
 

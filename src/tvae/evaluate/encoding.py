@@ -50,6 +50,10 @@ class Posteriors:
         """(N, Z) one draw z ~ q(z | tau_i) of each episode."""
         return self.means + self.scales * rng.standard_normal(self.means.shape)
 
+    def draw(self, episodes: IntArray, rng: np.random.Generator) -> FloatArray:
+        """(B, Z) one draw for each of the episodes at these positions (B,), which may come more than once."""
+        return self.select(episodes).sample(rng)
+
 
 @torch.no_grad()
 def encode(model: TrajectoryVAE, demonstrations: Demonstrations, batch_size: int = 64) -> Posteriors:

@@ -28,7 +28,8 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.diagnosis import TrainingWarning
-from tvae.train.loop import MOST_JUDGED_STEPS, Observer, evaluate, train
+from tvae.train.loop import MOST_JUDGED_STEPS, evaluate, train
+from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
 from tvae.train.schedules import Budget, KLSchedule, Piecewise
 

@@ -15,7 +15,7 @@ from tvae.config import RunConfig
 from tvae.train import checkpoint
 from tvae.train.checkpoint import Record, Terms
 from tvae.train.diagnosis import ending
-from tvae.train.loop import Observer
+from tvae.train.observer import Observer
 
 
 @contextmanager

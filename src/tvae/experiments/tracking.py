@@ -14,7 +14,7 @@ from typing import Any
 from tvae.errors import TvaeError
 from tvae.experiments.progress import scalars
 from tvae.train.checkpoint import Record
-from tvae.train.loop import Observer
+from tvae.train.observer import Observer
 
 
 class TrackerError(TvaeError):

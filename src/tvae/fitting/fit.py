@@ -13,7 +13,8 @@ from tvae.device import resolve_device, seeded
 from tvae.fitting import MOST_POLICY_STEPS
 from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
-from tvae.train.loop import Observer, train
+from tvae.train.loop import train
+from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty
 from tvae.train.schedules import RAISED, KLSchedule
 

@@ -7,8 +7,8 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.model.tvae import TrajectoryVAE
-from tvae.train.latents import OfEpisodes, OfStyles
-from tvae.train.loop import Observer
+from tvae.train.latents import OfStyles
+from tvae.train.observer import Observer
 from tvae.train.policy import Lessons, log_likelihoods, train_policy
 
 _WORTH = 0.5
@@ -48,12 +48,12 @@ def refine_policy(
     assigned, _ = styles.assign(others)
     lessons = Lessons(training, OfStyles(styles.styles, styles.assignment))
     judged = Lessons(held_out, OfStyles(styles.styles, assigned))
-    by_episode = Lessons(held_out, OfEpisodes(others.means, others.scales))
+    by_episode = Lessons(held_out, others)
     gained = log_likelihoods(model, judged, seed=seed) - log_likelihoods(model, by_episode, seed=seed)
     lost = f"with z of another one, an episode's actions lose {max(-gained.mean(), 0.0):.1f} nats"
     if gained.mean() < -_WORTH:
         observer.on_note(f"the policy learns further from z of each episode itself: {lost}")
-        lessons, judged = Lessons(training, OfEpisodes(theirs.means, theirs.scales)), by_episode
+        lessons, judged = Lessons(training, theirs), by_episode
     else:
         observer.on_note(f"the policy learns further from z of any episode of a style, as bots get it: {lost}")
     train_policy(

@@ -14,7 +14,7 @@ from tvae.spaces import FloatArray, IntArray
 
 @runtime_checkable
 class EpisodeLatents(Protocol):
-    """Draws a z for each of some episodes."""
+    """Draws a z for each of some episodes: of the very episode (`tvae.evaluate.encoding.Posteriors`) or its style."""
 
     def __len__(self) -> int:
         """The number of episodes."""
@@ -23,29 +23,6 @@ class EpisodeLatents(Protocol):
     def draw(self, episodes: IntArray, rng: np.random.Generator) -> FloatArray:
         """(B, Z) for the episodes at these positions (B,)."""
         ...
-
-
-@dataclass(frozen=True, eq=False)
-class OfEpisodes:
-    """z ~ q(z | tau_i) = N(means_i, diag scales_i^2), of the very episode.
-
-    >>> latents = OfEpisodes(np.array([[-1.0], [1.0]]), np.full((2, 1), 1e-9))
-    >>> latents.draw(np.array([1, 0, 1]), np.random.default_rng(0)).round(3).ravel().tolist()
-    [1.0, -1.0, 1.0]
-    """
-
-    means: FloatArray
-    """(E, Z)"""
-    scales: FloatArray
-    """(E, Z)"""
-
-    def __len__(self) -> int:
-        return len(self.means)
-
-    def draw(self, episodes: IntArray, rng: np.random.Generator) -> FloatArray:
-        """(B, Z)"""
-        means = self.means[episodes]
-        return means + self.scales[episodes] * rng.standard_normal(means.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,7 @@ from tvae.model.windows import Windows, cut_anywhere
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
 from tvae.train.diagnosis import diagnose
 from tvae.train.memory import candidates, shortest_sufficient_window
+from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty
 from tvae.train.schedules import KLSchedule
 
@@ -39,21 +40,6 @@ _WINDOW_CHOSEN = 0.6
 
 class TrainingError(TvaeError):
     """Training cannot go on; the message says why and what to do."""
-
-
-@dataclass(frozen=True)
-class Observer:
-    """Who is told of a training's progress: `on_step` of every step, `on_record` of every evaluation.
-
-    `on_policy_step` is told of every step of `tvae.train.policy.train_policy`, with the log-likelihood of an action;
-    `on_end` where the training of the whole model ended; `on_note`, in words, what was decided after it.
-    """
-
-    on_step: Callable[[int, Terms], None] = lambda step, terms: None
-    on_record: Callable[[Record], None] = lambda record: None
-    on_policy_step: Callable[[int, float], None] = lambda step, nats: None
-    on_end: Callable[[Progress], None] = lambda progress: None
-    on_note: Callable[[str], None] = lambda note: None
 
 
 def train(
@@ -73,7 +59,7 @@ def train(
     patience: int = 10,
     seed: int = 0,
     checkpoint: Path | None = None,
-    observer: Observer = Observer(),
+    observer: Observer = Observer(),  # noqa: B008 - frozen
 ) -> tuple[Record, ...]:
     """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
 

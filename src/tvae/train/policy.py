@@ -59,8 +59,8 @@ def train_policy(
         max E_tau E_z [ sum_t log pi(a_t | s_1:t, z) ]
 
     The policy's term of the evidence lower bound, where encoder and state decoder stay as they are: with
-    z ~ q(z | tau) (`tvae.train.latents.OfEpisodes`) the bound only rises by it. Beside the others the policy learns in
-    few, long steps, half of them without a past; alone it can be made sharp. Or z is of the style of tau
+    z ~ q(z | tau) (`tvae.evaluate.encoding.Posteriors`) the bound only rises by it. Beside the others the policy learns
+    in few, long steps, half of them without a past; alone it can be made sharp. Or z is of the style of tau
     (`tvae.train.latents.OfStyles`), as it is for a bot: what z tells beyond the style then no longer divides the
     demonstrations among many, and all episodes of a style teach each of its bots.
 

@@ -32,7 +32,7 @@ from tvae.experiments.reproduction.subject import Subject
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.model.decoding import LatentSource
 from tvae.spaces import FloatArray
-from tvae.train.loop import Observer
+from tvae.train.observer import Observer
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from tvae.experiments.run_directory import read_json, write_json
 from tvae.model.schema import SCHEMA_VERSION
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.diagnosis import TrainingWarning
-from tvae.train.loop import Observer
+from tvae.train.observer import Observer
 
 
 class CellError(TvaeError):
