@@ -23,7 +23,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.distributions import RowDistribution
 from tvae.heads import Head
-from tvae.model.trunks import LARGEST, Memory, Trunk
+from tvae.model.trunks import LARGEST, Memory, Places, Trunk
 from tvae.spaces import FloatArray, IntArray
 
 ACTION_FLOOR = 0.02
@@ -51,10 +51,14 @@ class MemorylessTrunk(Trunk):
         )
 
     def forward(
-        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
-    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        self,
+        inputs: Float[Tensor, "B T S"],
+        z: Float[Tensor, "B Z"],
+        memory: Memory | None = None,
+        at: Places | None = None,
+    ) -> tuple[Float[Tensor, "*batch F"], Memory]:
         joined = torch.cat([inputs, z[:, None].expand(-1, inputs.shape[1], -1)], dim=-1)
-        return self.layers(joined), _only(inputs[:, -1:])
+        return self.layers(joined if at is None else joined[at]), _only(inputs[:, -1:])
 
 
 class MovingTrunk(Trunk):
@@ -70,11 +74,15 @@ class MovingTrunk(Trunk):
         self.momentary = MemorylessTrunk(2 * in_features, latent_features, hidden_features)
 
     def forward(
-        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
-    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        self,
+        inputs: Float[Tensor, "B T S"],
+        z: Float[Tensor, "B Z"],
+        memory: Memory | None = None,
+        at: Places | None = None,
+    ) -> tuple[Float[Tensor, "*batch F"], Memory]:
         last = inputs[:, :1] if memory is None else memory.last
         changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-LARGEST, LARGEST)
-        features, _ = self.momentary(torch.cat([inputs, changes], dim=-1), z)
+        features, _ = self.momentary(torch.cat([inputs, changes], dim=-1), z, at=at)
         return features, _only(inputs[:, -1:])
 
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from tvae.data.batches import TrajectoryBatch, batch_of, ordered_batches
@@ -142,7 +142,7 @@ def score(
         at = state_windows(model, batch)
         states = predicted_states(model, batch, z, at)
         state[rows], observation_signals[rows] = _terms(states.following, at, batch)
-        end[rows] = _steps(states.ends[..., None], at.valid, at, batch)[:, 0]
+        end[rows] = _steps(states.ends[:, None], at, batch)[:, 0]
         occurrence = model.events.occurrence(z).log_prob_by_column(used_events(model, batch).to(z.dtype))
         events[episodes] = occurrence.double().cpu().numpy()
         finished += len(episodes)
@@ -153,21 +153,17 @@ def score(
 
 def _terms(predicted: Predicted, windows: Windows, batch: TrajectoryBatch) -> tuple[FloatArray, FloatArray]:
     """The term of each row of a batch, (steps,), and of each of its signals, (steps, C)."""
-    whole = predicted.law.log_prob(predicted.values)[..., None]
-    signals = predicted.law.log_prob_by_column(predicted.values)
-    return (
-        _steps(whole, predicted.counts, windows, batch)[:, 0],
-        _steps(signals, predicted.counts, windows, batch),
+    terms = torch.column_stack(
+        [predicted.law.log_prob(predicted.values), predicted.law.log_prob_by_column(predicted.values)]
     )
+    found = _steps(terms.masked_fill(~predicted.known[:, None], torch.nan), windows, batch)
+    return found[:, 0], found[:, 1:]
 
 
-def _steps(
-    terms: Float[Tensor, "R W C"], counts: Bool[Tensor, "R W"], windows: Windows, batch: TrajectoryBatch
-) -> FloatArray:
-    """(steps of the batch, C) one trajectory after another; NaN for steps that have no term."""
-    placed = torch.full((*batch.actions.shape[:2], terms.shape[-1]), torch.nan, dtype=terms.dtype, device=terms.device)
-    row, column = torch.nonzero(counts, as_tuple=True)
-    placed[windows.trajectory[row], windows.steps[row, column]] = terms[row, column]
+def _steps(terms: Float[Tensor, "N C"], windows: Windows, batch: TrajectoryBatch) -> FloatArray:
+    """(steps of the batch, C) one trajectory after another."""
+    placed = terms.new_empty((*batch.actions.shape[:2], terms.shape[-1]))
+    placed[windows.counted] = terms
     result: FloatArray = placed[batch.mask].double().cpu().numpy()
     return result
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from tvae.distributions import RowDistribution
 from tvae.heads import Head
-from tvae.model.trunks import Trunk
+from tvae.model.trunks import Places, Trunk
 from tvae.spaces import Space
 
 
@@ -27,14 +27,14 @@ class Endless(nn.Module):
 
 
 class Foretold(NamedTuple):
-    """What the state decoder says at each step."""
+    """What the state decoder says at each step: batch shape (B, T), or (N,) where it is asked for N of them."""
 
     following: RowDistribution
-    """p(s_{t+1} | s_{1:t}, z), batch shape (B, T)"""
-    log_odds: Float[Tensor, "B T"]
+    """p(s_{t+1} | s_{1:t}, z)"""
+    log_odds: Float[Tensor, "*batch"]
     """that the episode ends with this step"""
     ahead: RowDistribution | None
-    """p(s_{t+h} | s_{1:t}, z), batch shape (B, T); None for a horizon h = 1"""
+    """p(s_{t+h} | s_{1:t}, z); None for a horizon h = 1"""
 
 
 class StateDecoder(nn.Module):
@@ -60,13 +60,15 @@ class StateDecoder(nn.Module):
         inputs: Float[Tensor, "B T F"],
         values: Float[Tensor, "B T O"],
         z: Float[Tensor, "B Z"],
+        at: Places | None = None,
     ) -> Foretold:
         """The laws of the values of the states to come, and the log-odds that the episode ends with this step.
 
         `inputs` are features of the states, then of the actions if the trunk takes them; `values` are the states as
-        standardised rows.
+        standardised rows. With `at`, after the N inputs at these places alone.
         """
-        features, _ = self.trunk(inputs, z)
+        features, _ = self.trunk(inputs, z, at=at)
+        values = values if at is None else values[at]
         ahead = None if self.ahead is None else self.ahead(features, values)
         return Foretold(self.head(features, values), self.stop(features).squeeze(-1), ahead)
 
@@ -79,9 +81,11 @@ class PolicyDecoder(nn.Module):
         self.trunk = trunk
         self.head = Head(action_space, self.trunk.num_features, floor=floor, num_components=num_components)
 
-    def forward(self, states: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"]) -> RowDistribution:
-        """The law of each action's values."""
-        features, _ = self.trunk(states, z)
+    def forward(
+        self, states: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], at: Places | None = None
+    ) -> RowDistribution:
+        """The law of each action's values; with `at`, of those after the N inputs at these places alone."""
+        features, _ = self.trunk(states, z, at=at)
         return self.law(features)
 
     def law(self, features: Float[Tensor, "*batch H"]) -> RowDistribution:

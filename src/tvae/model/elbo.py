@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.distributions import Normal
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -56,23 +56,23 @@ class Elbo:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """The law that a decoder gives the rows in windows before they come, and the rows that came."""
+    """The law that a decoder gives rows before they come, and the rows that came, at each valid step of windows."""
 
     law: RowDistribution
-    """Batch shape (R, W)"""
-    values: Float[Tensor, "R W C"]
+    """Batch shape (N,)"""
+    values: Float[Tensor, "N C"]
     """What came, as `tvae.data.normalizer` calls values"""
-    counts: Bool[Tensor, "R W"]
-    """Where a row has a term: once for each step that has one"""
+    known: Bool[Tensor, " N"]
+    """Whether it was recorded; where not, there is no term"""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedStates:
-    """What the state decoder gives before it comes."""
+    """What the state decoder gives before it comes, at each valid step of windows."""
 
     following: Predicted
     """s_t+1"""
-    ends: Float[Tensor, "R W"]
+    ends: Float[Tensor, " N"]
     """log p(end_t | s_1:t, z) of what came; 0 for a model without the stop term"""
     ahead: Predicted | None
     """s_t+h; None for a horizon h = 1"""
@@ -91,45 +91,52 @@ def predicted_actions(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> Predicted:
     """pi(a_t | s_1:t, z) at `z`, given which events occur; in each window the decoder starts without memory."""
-    at = (windows.trajectory[:, None], windows.steps)
+    at, counted = (windows.trajectory[:, None], windows.steps), windows.counted
     used, done = used_events(model, batch), model.events.done(_recorded(batch))
     inputs = model.policy_decoder_inputs(batch.observations[at], done[at])
-    law = model.events.given(
-        model.policy_decoder(inputs, z[windows.trajectory]), used[windows.trajectory][:, None]
-    )
-    return Predicted(law, model.action_normalizer.values(batch.actions[at]), windows.valid)
+    law = model.policy_decoder(inputs, z[windows.trajectory], windows.places)
+    values = model.action_normalizer.values(batch.actions[counted])
+    everything = torch.ones_like(counted[0], dtype=torch.bool)
+    return Predicted(model.events.given(law, used[counted[0]]), values, everything)
 
 
 def predicted_states(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> PredictedStates:
     """What the state decoder says at `z`; in each window it starts without memory."""
-    at = (windows.trajectory[:, None], windows.steps)
+    at, counted = (windows.trajectory[:, None], windows.steps), windows.counted
     values = model.observation_normalizer.values(batch.observations[at])
     states = model.observation_normalizer.features(values)
     actions = model.action_normalizer.values(batch.actions[at])
     foretold = model.state_decoder(
-        model.state_decoder_inputs(states, actions), values, z[windows.trajectory]
+        model.state_decoder_inputs(states, actions), values, z[windows.trajectory], windows.places
     )
-    following = model.observation_normalizer.values(batch.next_observations[at])
+    following = model.observation_normalizer.values(batch.next_observations[counted])
     ends = torch.zeros_like(foretold.log_odds)
     if model.stop:
-        last = (windows.steps == batch.lengths[windows.trajectory, None] - 1).to(ends.dtype)
+        trajectory, step = counted
+        last = (step == batch.lengths[trajectory] - 1).to(ends.dtype)
         ends = -binary_cross_entropy_with_logits(foretold.log_odds, last, reduction="none")
     return PredictedStates(
-        Predicted(foretold.following, following, windows.valid & batch.next_known[at]),
+        Predicted(foretold.following, following, batch.next_known[counted]),
         ends,
-        None if foretold.ahead is None else _ahead(model, batch, foretold.ahead, windows),
+        None if foretold.ahead is None else _ahead(model, batch, foretold.ahead, *counted),
     )
 
 
-def _ahead(model: TrajectoryVAE, batch: TrajectoryBatch, law: RowDistribution, windows: Windows) -> Predicted:
+def _ahead(
+    model: TrajectoryVAE,
+    batch: TrajectoryBatch,
+    law: RowDistribution,
+    trajectory: Int[Tensor, " N"],
+    step: Int[Tensor, " N"],
+) -> Predicted:
     """The states that `law` foretells: s_t+h follows a_t+h-1."""
-    steps = windows.steps + model.state_decoder.horizon - 1
-    within = steps < batch.lengths[windows.trajectory, None]
-    at = (windows.trajectory[:, None], steps.clamp_max(batch.actions.shape[1] - 1))
+    step = step + model.state_decoder.horizon - 1
+    within = step < batch.lengths[trajectory]
+    at = (trajectory, step.clamp_max(batch.actions.shape[1] - 1))
     rows = model.observation_normalizer.values(batch.next_observations[at])
-    return Predicted(law, rows, windows.valid & within & batch.next_known[at])
+    return Predicted(law, rows, within & batch.next_known[at])
 
 
 def policy_log_likelihood(
@@ -147,17 +154,18 @@ def state_log_likelihood(
     states = predicted_states(model, batch, z, windows)
     following = _log_likelihood(states.following, windows, batch)
     ahead = torch.zeros_like(following) if states.ahead is None else _log_likelihood(states.ahead, windows, batch)
-    return following, ahead, _total(states.ends, windows.valid, windows, batch)
+    return following, ahead, _total(states.ends, windows, batch)
 
 
 def _log_likelihood(predicted: Predicted, windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:
-    return _total(predicted.law.log_prob(predicted.values), predicted.counts, windows, batch)
+    terms = predicted.law.log_prob(predicted.values)
+    return _total(torch.where(predicted.known, terms, torch.zeros_like(terms)), windows, batch)
 
 
-def _total(terms: Tensor, where: Tensor, windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:
-    """The sum over the windows of each trajectory."""
-    rows = torch.where(where, terms, torch.zeros_like(terms)).sum(1)
-    return torch.zeros_like(batch.lengths, dtype=rows.dtype).index_add(0, windows.trajectory, rows)
+def _total(terms: Float[Tensor, " N"], windows: Windows, batch: TrajectoryBatch) -> Float[Tensor, " B"]:
+    """The sum over the valid steps of each trajectory."""
+    trajectory, _ = windows.counted
+    return torch.zeros_like(batch.lengths, dtype=terms.dtype).index_add(0, trajectory, terms)
 
 
 def log_likelihood(

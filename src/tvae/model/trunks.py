@@ -9,14 +9,18 @@ The recurrent state starts at zero, so z is all that is known of what came befor
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 LARGEST = 20.0
 """A change of more typical changes than this, which training may never have shown, counts as so many."""
+
+
+Places: TypeAlias = tuple[Int[Tensor, " N"], Int[Tensor, " N"]]
+"""Rows and columns of N entries of a batch of sequences (B, T)."""
 
 
 class Memory(NamedTuple):
@@ -44,9 +48,17 @@ class Trunk(nn.Module, ABC):
 
     @abstractmethod
     def forward(
-        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
-    ) -> tuple[Float[Tensor, "B T F"], Memory]:
-        """Features (B, T, F) after each input, and the memory behind the last one."""
+        self,
+        inputs: Float[Tensor, "B T S"],
+        z: Float[Tensor, "B Z"],
+        memory: Memory | None = None,
+        at: Places | None = None,
+    ) -> tuple[Float[Tensor, "*batch F"], Memory]:
+        """Features (B, T, F) after each input, and the memory behind the last one.
+
+        With `at`, the features (N, F) after the N inputs at these places alone: what is remembered has to go through
+        all inputs, the rest has not.
+        """
 
 
 class PlainTrunk(Trunk):
@@ -66,11 +78,16 @@ class PlainTrunk(Trunk):
         self.recurrent = nn.LSTM(in_features + latent_features, hidden_features, batch_first=True)
 
     def forward(
-        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
-    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        self,
+        inputs: Float[Tensor, "B T S"],
+        z: Float[Tensor, "B Z"],
+        memory: Memory | None = None,
+        at: Places | None = None,
+    ) -> tuple[Float[Tensor, "*batch F"], Memory]:
         joined = torch.cat([inputs, _at_every_step(z, inputs)], dim=-1)
         remembered, (hidden, cell) = self.recurrent(joined, None if memory is None else memory[:2])
-        return self.dropout(remembered), Memory(hidden, cell, inputs[:, -1:])
+        wanted = remembered if at is None else remembered[at]
+        return self.dropout(wanted), Memory(hidden, cell, inputs[:, -1:])
 
 
 class ReactiveTrunk(Trunk):
@@ -126,19 +143,31 @@ class ReactiveTrunk(Trunk):
         )
 
     def forward(
-        self, inputs: Float[Tensor, "B T S"], z: Float[Tensor, "B Z"], memory: Memory | None = None
-    ) -> tuple[Float[Tensor, "B T F"], Memory]:
+        self,
+        inputs: Float[Tensor, "B T S"],
+        z: Float[Tensor, "B Z"],
+        memory: Memory | None = None,
+        at: Places | None = None,
+    ) -> tuple[Float[Tensor, "*batch F"], Memory]:
         last = inputs[:, :1] if memory is None else memory.last
         changes = ((inputs - torch.cat([last, inputs[:, :-1]], dim=1)) / self.unit).clamp(-LARGEST, LARGEST)
         latent = _at_every_step(z, inputs)
         seen = torch.cat([inputs, changes, latent], dim=-1)
         remembered, (hidden, cell) = self.recurrent(seen, None if memory is None else memory[:2])
+        after = Memory(hidden, cell, inputs[:, -1:])
+        if at is not None:
+            inputs, changes, latent, seen, remembered = (
+                rows[at] for rows in (inputs, changes, latent, seen, remembered)
+            )
         mixed = self.mix(torch.cat([seen, self.dropout(remembered)], dim=-1))
         weighed = torch.cat([self.dropout(mixed), inputs, changes], dim=-1)
-        if self.by_style is not None:
+        if self.by_style is not None and self.num_done:
             done = inputs[..., inputs.shape[-1] - self.num_done :]
-            weighed = weighed * (1 + self.by_style(torch.cat([latent, done], dim=-1) if self.num_done else z[:, None]))
-        return torch.cat([weighed, latent], dim=-1), Memory(hidden, cell, inputs[:, -1:])
+            weighed = weighed * (1 + self.by_style(torch.cat([latent, done], dim=-1)))
+        elif self.by_style is not None:
+            weights = 1 + self.by_style(z)
+            weighed = weighed * (weights[:, None] if at is None else weights[at[0]])
+        return torch.cat([weighed, latent], dim=-1), after
 
 
 def _at_every_step(z: Float[Tensor, "B Z"], inputs: Float[Tensor, "B T S"]) -> Float[Tensor, "B T Z"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Bool, Int
@@ -19,6 +20,22 @@ class Windows:
     trajectory: Int[Tensor, " R"]
     steps: Int[Tensor, "R W"]
     valid: Bool[Tensor, "R W"]
+
+    @cached_property
+    def places(self) -> tuple[Int[Tensor, " N"], Int[Tensor, " N"]]:
+        """Row and column of each of the N steps that are valid, in their order."""
+        row, column = self.valid.nonzero(as_tuple=True)
+        return row, column
+
+    @cached_property
+    def counted(self) -> tuple[Int[Tensor, " N"], Int[Tensor, " N"]]:
+        """Trajectory and step of each of them.
+
+        >>> [found.tolist() for found in cut(torch.tensor([2, 1]), window=2, offset=1).counted]
+        [[0, 0, 1], [0, 1, 0]]
+        """
+        row, column = self.places
+        return self.trajectory[row], self.steps[row, column]
 
 
 def cut(lengths: Int[Tensor, " B"], window: int, offset: int) -> Windows:
