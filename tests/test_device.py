@@ -67,12 +67,12 @@ def test_randomness_inside_depends_on_the_seed_and_outside_on_nothing():
         assert not torch.equal(torch.rand(2), inside)
 
 
+@config.patch(meta_nonzero_assume_all_nonzero=True)
 @pytest.mark.parametrize(
     "arguments", [{}, {"stop": True, "action_components": 2, "prior_components": 3, "dynamics": True}], ids=str
 )
-def test_a_step_happens_where_the_weights_are(arguments: dict, monkeypatch: pytest.MonkeyPatch):
+def test_a_step_happens_where_the_weights_are(arguments: dict):
     """On torch's device without memory, where any tensor from elsewhere is an error, and all that is asked is true."""
-    monkeypatch.setattr(config, "meta_nonzero_assume_all_nonzero", True)
     meta = torch.device("meta")
     model = untrained(noise([3, 5]), **arguments).to(meta)
     assert {tensor.device for tensor in (*model.parameters(), *model.buffers())} == {meta}
