@@ -192,7 +192,7 @@ class _Steps:
         """Steps `progress.step` to `end`; returns the terms of each and the last beta."""
         model, beta, kl = self.model, progress.beta, progress.last_kl
         per_step = 1 / float(self.demonstrations.lengths.mean())
-        parts = [part for part in model.children() if any(p.requires_grad for p in part.parameters())]
+        parts = [learnt for part in model.children() if (learnt := [p for p in part.parameters() if p.requires_grad])]
         history: list[Terms] = []
         model.train()
         for step in range(progress.step, end):
@@ -208,7 +208,7 @@ class _Steps:
                 value = value - penalty(model, batch, terms.posterior, terms.z)
             self.optimizer.zero_grad()
             (-per_step * value.mean()).backward()
-            norms = [nn.utils.clip_grad_norm_(part.parameters(), self.clip) for part in parts]
+            norms = [nn.utils.clip_grad_norm_(learnt, self.clip) for learnt in parts]
             history.append(_mean(terms))
             if not torch.stack(norms).isfinite().all():
                 raise TrainingError(
