@@ -164,3 +164,23 @@ def test_our_tasks_give_no_hints(tmp_path: Path) -> None:
         kept = TASKS[task](None, 0).demonstrations()
         save_demonstrations(kept, tmp_path / f"{task}.parquet")
         assert examine_source(tmp_path / f"{task}.parquet").hints == ()
+
+
+def test_a_fit_gives_the_same_hints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "turning.csv"
+    table(compass(walk(0, 25.0)), **{"action.b": np.arange(STEPS) % 3}).to_csv(path, index=False)
+    small = ["--training.num-steps", "2", "--policy.num-steps", "0", "--model.hidden-features", "4"]
+    call("data", "info", path)
+    told = _hints(capsys)
+    call("fit", path, "--out", tmp_path / "run", *small, "--training.held-out", "0.5")
+    assert _hints(capsys) == told
+    assert len(told) == 2
+    known = ["--degrees", "observation.x", "--continuous", "action.b"]
+    call("fit", path, "--out", tmp_path / "known", *small, *known, "--training.held-out", "0.5")
+    assert _hints(capsys) == []
+
+
+def _hints(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What was said since a hint began, up to the next."""
+    _, *found = " ".join(capsys.readouterr().out.split()).split("Hint: ")
+    return [hint.split(";")[0] for hint in found]

@@ -10,6 +10,8 @@ from rich.console import Console
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.hints import hints
+from tvae.data.issues import Issue
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import summarise
 from tvae.device import resolve_device
@@ -20,7 +22,7 @@ from tvae.experiments.bots import check_arena, try_bots
 from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
 from tvae.experiments.parallel import named_again
 from tvae.experiments.recipe import Recipe
-from tvae.experiments.remedies import doubts
+from tvae.experiments.remedies import doubts, options_for
 from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
@@ -34,6 +36,8 @@ class Begun:
 
     run: RunDirectory
     demonstrations: Demonstrations
+    hints: tuple[Issue, ...] = ()
+    """What its user may have forgotten to say of them."""
 
 
 def new_run(
@@ -48,13 +52,13 @@ def new_run(
 ) -> Begun:
     """A run directory that holds all that `complete` needs; everything is checked before it is made."""
     source = source.absolute()
-    demonstrations = source.load()
+    demonstrations, decided = source.read()
     _check(demonstrations, config, device)
     if arena is not None:
         check_arena(arena, demonstrations.observation_space, demonstrations.action_space)
     run = RunDirectory.create(out, force=force)
     begin(run, demonstrations, About(config, source, arena, out.name, tuple(command)))
-    return Begun(run, demonstrations)
+    return Begun(run, demonstrations, tuple(hints(demonstrations, decided)))
 
 
 def new_recipe_run(out: Path, recipe: Recipe, *, command: Sequence[str], device: str, force: bool) -> Begun:
@@ -96,6 +100,8 @@ def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[
     console.print(signals_table(summary))
     for doubt in doubts(summary):
         console.print(doubt, style="yellow", highlight=False, markup=False)
+    for hint in begun.hints:
+        console.print(f"Hint: {hint}; {options_for(hint)}", highlight=False, markup=False)
     if about.source.reading.left_over is not None:
         console.print(about.source.reading.left_over, highlight=False)
     model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)
