@@ -1,10 +1,14 @@
 """Nets over sequences of different lengths, against one plain net per sequence."""
 
+from collections.abc import Callable
+from functools import partial
+
 import pytest
 import torch
 from jaxtyping import TypeCheckError
 from torch import Tensor, nn
 
+from tvae.baselines.policies import MemorylessTrunk, MovingTrunk
 from tvae.model.encoder import Encoder
 from tvae.model.trunks import PlainTrunk, ReactiveTrunk, Trunk
 from tvae.nets import PooledBidirectionalLSTM, masked_mean, reverse_within
@@ -73,6 +77,18 @@ def test_trunk_fed_step_by_step_is_the_trunk_fed_at_once(sequence: Tensor, kind:
         features, memory = trunk(sequence[:, step : step + 1], z, memory)
         torch.testing.assert_close(features[:, 0], at_once[:, step], rtol=1e-5, atol=1e-6)
     torch.testing.assert_close(memory, last, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "kind", [PlainTrunk, ReactiveTrunk, partial(ReactiveTrunk, num_done=1), MemorylessTrunk, MovingTrunk], ids=str
+)
+def test_features_at_places_are_those_of_all_there(sequence: Tensor, kind: Callable[..., Trunk]):
+    trunk, z = kind(4, 2, 6), torch.randn(5, 2)
+    places = torch.tensor([4, 0, 0]), torch.tensor([1, 3, 0])
+    everywhere, last = trunk(sequence, z)
+    there, same = trunk(sequence, z, at=places)
+    torch.testing.assert_close(there, everywhere[places])
+    torch.testing.assert_close(same, last)
 
 
 def test_a_reactive_trunk_sees_the_last_change_in_its_unit(sequence: Tensor):
