@@ -12,7 +12,7 @@ from tvae.cli.options import COLUMNS, CONSOLE, Columns, Force, Seed
 from tvae.data.hints import hints
 from tvae.data.sources import save_demonstrations
 from tvae.data.validation import examine_source, summarise
-from tvae.experiments.remedies import doubts, options_for
+from tvae.experiments.remedies import doubts, hinted, options_for
 from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
 from tvae.experiments.tasks import TASKS
@@ -41,8 +41,8 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
     CONSOLE.print(signals_table(summary))
     for doubt in doubts(summary):
         CONSOLE.print(doubt, style="yellow", highlight=False, markup=False)
-    for hint in hints(demonstrations, decided):
-        CONSOLE.print(f"Hint: {hint}; {options_for(hint)}", highlight=False, markup=False)
+    for hint in hinted(hints(demonstrations, decided)):
+        CONSOLE.print(hint, highlight=False, markup=False)
     if columns.left_over is not None:
         CONSOLE.print(columns.left_over, highlight=False)
     for attribute in summary.attributes:
@@ -83,8 +83,8 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     if found.issues:
         sys.exit(1)
     CONSOLE.print(f"{data} can be read so" if found.suspicions else f"{data} is sound", markup=False)
-    for hint in found.hints:
-        CONSOLE.print(f"Hint: {hint}; {options_for(hint)}", highlight=False, markup=False)
+    for hint in hinted(found.hints):
+        CONSOLE.print(hint, highlight=False, markup=False)
     if columns.left_over is not None:
         CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from tvae.data.issues import Issue, Remedy
 from tvae.data.validation import Summary, suspicions
@@ -35,6 +35,12 @@ def doubts(summary: Summary) -> Iterator[str]:
     """What can be read, but is perhaps not meant so, in sentences with the options that say otherwise."""
     for issue in suspicions(summary):
         yield f"Warning: {issue} {options_for(issue)}"
+
+
+def hinted(hints: Iterable[Issue]) -> Iterator[str]:
+    """What may have been forgotten, in sentences with the options that say it."""
+    for hint in hints:
+        yield f"Hint: {hint}; {options_for(hint)}"
 
 
 def options_for(issue: Issue) -> str | None:

@@ -22,7 +22,7 @@ from tvae.experiments.bots import check_arena, try_bots
 from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
 from tvae.experiments.parallel import named_again
 from tvae.experiments.recipe import Recipe
-from tvae.experiments.remedies import doubts, options_for
+from tvae.experiments.remedies import doubts, hinted
 from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
@@ -100,8 +100,8 @@ def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[
     console.print(signals_table(summary))
     for doubt in doubts(summary):
         console.print(doubt, style="yellow", highlight=False, markup=False)
-    for hint in begun.hints:
-        console.print(f"Hint: {hint}; {options_for(hint)}", highlight=False, markup=False)
+    for hint in hinted(begun.hints):
+        console.print(hint, highlight=False, markup=False)
     if about.source.reading.left_over is not None:
         console.print(about.source.reading.left_over, highlight=False)
     model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Int
 from torch import Tensor
 
 from tvae.data.batches import TrajectoryBatch
+from tvae.model.trunks import Places
 from tvae.model.tvae import TrajectoryVAE
 
 
@@ -22,7 +23,7 @@ class Windows:
     valid: Bool[Tensor, "R W"]
 
     @cached_property
-    def places(self) -> tuple[Int[Tensor, " N"], Int[Tensor, " N"]]:
+    def places(self) -> Places:
         """Row and column of each of the N steps that are valid, in their order."""
         row, column = self.valid.nonzero(as_tuple=True)
         return row, column
