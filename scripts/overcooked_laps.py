@@ -89,10 +89,10 @@ def judged(demonstrations: Demonstrations) -> Demonstrations:
     return demonstrations.select(np.flatnonzero(once))
 
 
-def fitted(demonstrations: Demonstrations, config: RunConfig) -> TrajectoryVAE:
+def fitted(demonstrations: Demonstrations, config: RunConfig, device: str) -> TrajectoryVAE:
     """The model of a configuration, trained to the end on all of the demonstrations."""
     settings = config.training
-    model = new_model(demonstrations, seed=config.seed, device="cpu", **vars(config.model))
+    model = new_model(demonstrations, seed=config.seed, device=device, **vars(config.model))
     train(
         model,
         demonstrations,
@@ -124,12 +124,12 @@ def names_of(playstyles: Playstyles, laps: FloatArray) -> list[int]:
     ]
 
 
-def fold(pairs: list[str], *, seed: int) -> dict[str, Any]:
+def fold(pairs: list[str], *, seed: int, device: str) -> dict[str, Any]:
     """What a model and a probe that have not seen these pairs say of them."""
     recipe = overcooked(None, seed)
     demonstrations = recipe.demonstrations()
     seen, others = (of_pairs(demonstrations, pairs, left_out=left_out) for left_out in (False, True))
-    model = fitted(seen, recipe.config)
+    model = fitted(seen, recipe.config, device)
     training, test = judged(seen), judged(others)
     known, asked, random = encode(model, training), encode(model, test), np.random.default_rng(seed)
     laps, groups = net_laps(training), training.attributes["pair"]
@@ -151,12 +151,12 @@ def soups(episodes: Demonstrations) -> FloatArray:
     return np.array([episode.steps["reward"].sum() / SOUP_REWARD for episode in episodes])
 
 
-def bots(*, seed: int) -> dict[str, Any]:
+def bots(*, seed: int, device: str) -> dict[str, Any]:
     """Games of the bots of a model of all pairs, one for each thing that the found styles do."""
     recipe = overcooked(None, seed)
     demonstrations = recipe.demonstrations()
     wide = replace(recipe.config.model, policy_features=POLICY_FEATURES)
-    model = fitted(demonstrations, replace(recipe.config, model=wide))
+    model = fitted(demonstrations, replace(recipe.config, model=wide), device)
     people = judged(demonstrations)
     playstyles = find_playstyles(encode(model, people), seed=seed)
     names = np.array(names_of(playstyles, net_laps(people)))
@@ -212,12 +212,12 @@ def games(policy: Policy, name: int, theirs: Demonstrations, seed: int) -> dict[
     }
 
 
-def part(path: Path, pairs: list[str] | None, seed: int) -> None:
+def part(path: Path, pairs: list[str] | None, seed: int, device: str) -> None:
     """One fold, or the bots, into a file; nothing where it is there."""
     if path.exists():
         return
     torch.set_num_threads(1)
-    found = bots(seed=seed) if pairs is None else fold(pairs, seed=seed)
+    found = bots(seed=seed, device=device) if pairs is None else fold(pairs, seed=seed, device=device)
     path.parent.mkdir(parents=True, exist_ok=True)
     with appearing(path) as partial_path:
         partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
@@ -255,6 +255,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/overcooked"))
     parser.add_argument("--jobs", type=int, default=2, help="processes, one core each")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cpu", help="as in tvae fit: auto, cpu, cuda, mps")
     asked = parser.parse_args()
     pairs = sorted({str(pair) for pair in overcooked(None, 0).demonstrations().attributes["pair"]} - {ALONE}, key=int)
     shuffled = np.random.default_rng(7).permutation(pairs)
@@ -264,7 +265,7 @@ def main() -> None:
     home = asked.out / "parts" / f"seed-{asked.seed}"
     with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as workers:
         waiting = [
-            workers.submit(part, home / f"{name}.json", some, asked.seed)
+            workers.submit(part, home / f"{name}.json", some, asked.seed, asked.device)
             for name, some in [("bots", None), *folds.items()]
         ]
         for done in waiting:

@@ -73,6 +73,17 @@ def test_the_same_seed_gives_the_same_policy_and_leaves_the_randomness_of_others
     assert not all(torch.equal(a, b) for a, b in zip(weights[0], weights[2], strict=True))
 
 
+def test_every_step_is_in_training_mode_also_after_held_out_actions_were_judged(walks: Demonstrations):
+    """Otherwise nothing is dropped, and cuDNN's nets give no gradient at all."""
+    model, modes = untrained(walks), []
+    model.policy_decoder.register_forward_pre_hook(
+        lambda decoder, inputs: modes.append((torch.is_grad_enabled(), decoder.training))
+    )
+    lessons = Lessons(walks, OfStyles(SIDES, ways(walks)))
+    train_policy(model.eval(), lessons, lessons, num_steps=20, batch_size=64)
+    assert set(modes) == {(True, True), (False, False)}
+
+
 def test_steps_and_likelihoods_are_told(walks: Demonstrations):
     told: dict[int, float] = {}
     after(walks, on_step=told.__setitem__)

@@ -1,4 +1,4 @@
-"""Bots that do not wait longer than people did."""
+"""Bots that do not wait, or go to and fro, longer than people did."""
 
 import numpy as np
 import pytest
@@ -54,9 +54,26 @@ def test_a_rest_that_lasts_too_long_is_ended_by_what_was_not_tried_in_it_and_eac
     assert not acted[:, 1].any()
 
 
-def test_where_something_changed_nothing_counts_as_tried():
+def test_where_something_new_is_seen_nothing_counts_as_tried():
     seen = np.repeat([[9.0], [8.0]], 3, axis=0)
     assert not chosen(bot(RESTS), seen, favourite=30.0).any()
+
+
+def test_to_and_fro_is_a_rest_too_and_what_was_tried_is_told_apart_by_where():
+    policy = bot(walks([0, 1, 0, 1, 2]))
+    assert policy.longest_rest == 2
+    acted = chosen(policy, np.array([[8.0], [9], [8], [9], [8], [9]]), favourite=5.0)[:, 0].tolist()
+    assert acted[:4] == [0, 0, 0, 0]
+    assert acted[4] in (1, 2)
+    assert acted[5] in (1, 2)
+
+
+def test_what_was_seen_long_ago_is_new():
+    seen = np.r_[0.0, np.arange(1.0, 17.0), 0.0][:, None]
+    policy = bot(walks([0, *range(1, 17), 0, 0, 1, 1, 2]))
+    assert policy.longest_rest == 1
+    assert not chosen(policy, np.repeat(seen, 3, axis=1), favourite=30.0).any()
+    assert bot(walks([0, *range(1, 16), 0, 0, 18])).longest_rest == 2
 
 
 def test_after_too_long_a_rest_it_is_hotter_for_as_long_as_a_rest_may_last():

@@ -1,9 +1,10 @@
-"""Bots that do not wait longer than people did."""
+"""Bots that do not wait, or go to and fro, longer than people did."""
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
 from tvae.data.demonstrations import Demonstrations
@@ -15,20 +16,22 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
 _COMMON = 0.99
+_REMEMBERED = 16
 _MOST_DRAWS = 16
 _HOT = 1.5
 
 
 class Restless(LatentPolicy):
-    """A bot that tries something else where nothing has changed for longer than people mostly let it.
+    """A bot that tries something else where nothing new has been seen for longer than people mostly let it.
 
     Two bots in each other's way, or one before a machine that it cannot use, may find themselves where people hardly
-    ever were, and wait for ever: what people did there was to wait a moment. `longest_rest` is as long as 99 % of the
-    rests between two changes of the demonstrations' observations. Where a rest has lasted r > 0 steps more, the next
-    action is drawn from p^(1/T) with T = (1 + r) `temperature`, and drawn again, up to 16 times, while it is one that
-    was tried in this rest and changed nothing. For `longest_rest` steps after such a rest T is at least 1.5, so that
-    the two do not fall back into the same one. Elsewhere T is `temperature`. Where every step changes something, as in
-    worlds of numbers, it is `LatentPolicy`.
+    ever were, and wait for ever, or step aside and back: what people did there was to wait a moment. An observation is
+    new that is none of the 16 before it, and a rest is a run of those that are not. `longest_rest` is as long as 99 % of
+    the demonstrations' rests between two new observations. Where a rest has lasted r > 0 steps more, the next action is
+    drawn from p^(1/T) with T = (1 + r) `temperature`, and drawn again, up to 16 times, while it is one that was tried at
+    this observation in this rest. For `longest_rest` steps after such a rest T is at least 1.5, so that the two do not
+    fall back into the same one. Elsewhere T is `temperature`. Where every observation is new, as in worlds of numbers,
+    it is `LatentPolicy`.
 
     Carroll et al. 2019 (arXiv 1910.05789) free their cloned players by a random action.
 
@@ -53,31 +56,27 @@ class Restless(LatentPolicy):
     ) -> None:
         super().__init__(model, latents, choice=Tempered(temperature), window=window)
         self.temperature = temperature
-        rests = []
-        for episode in demonstrations:
-            changed = (episode.observations[1:] != episode.observations[:-1]).any(axis=1)
-            rests.append(_rests(changed))
-        lengths = np.concatenate(rests)
+        lengths = np.concatenate([_rests(episode.observations) for episode in demonstrations])
         if not len(lengths):
             raise DataError("how long people rest needs demonstrations in which something changes, got none")
         self.longest_rest = int(np.quantile(lengths, _COMMON, method="higher"))
-        """Steps without any change that are not yet too many."""
+        """Steps without anything new that are not yet too many."""
 
     def reset(self, num_episodes: int, seed: int) -> None:
         """Begin `num_episodes` new episodes, each with a z of its own."""
         super().reset(num_episodes, seed)
-        self._before = np.full((num_episodes, 1), np.nan)
+        self._memories = [_Memory() for _ in range(num_episodes)]
         self._rested = np.zeros(num_episodes, dtype=np.int64)
         self._hot = np.zeros(num_episodes, dtype=np.int64)
-        self._tried: list[set[bytes]] = [set() for _ in range(num_episodes)]
+        self._tried: list[set[tuple[bytes, bytes]]] = [set() for _ in range(num_episodes)]
 
     def choose(self, law: RowDistribution, observations: FloatArray) -> Tensor:
         """Values of the next actions (N, A)."""
-        still = (observations == self._before).all(axis=1)
+        seen = [row.tobytes() for row in observations]
+        still = np.array([memory.knew(key) for memory, key in zip(self._memories, seen, strict=True)])
         freed = ~still & (self._rested > self.longest_rest)
         self._rested = np.where(still, self._rested + 1, 0)
         self._hot = np.where(freed, self.longest_rest, np.maximum(self._hot - 1, 0))
-        self._before = observations.copy()
         for copy in np.flatnonzero(~still):
             self._tried[copy].clear()
         too_long = np.maximum(self._rested - self.longest_rest, 0)
@@ -89,25 +88,39 @@ class Restless(LatentPolicy):
             for _ in range(_MOST_DRAWS):
                 actions[asked] = tempered.sample()[asked]
                 asked &= too_long > 0
-                asked &= [_key(row) in tried for row, tried in zip(actions, self._tried, strict=True)]
+                asked &= [pair in tried for pair, tried in zip(_pairs(seen, actions), self._tried, strict=True)]
                 if not asked.any():
                     break
-        for row, tried in zip(actions, self._tried, strict=True):
-            tried.add(_key(row))
+        for pair, tried in zip(_pairs(seen, actions), self._tried, strict=True):
+            tried.add(pair)
         return actions
 
 
-def _key(row: Tensor) -> bytes:
-    """What is the same for the same action."""
-    return row.cpu().numpy().tobytes()
+class _Memory:
+    """What was seen last."""
+
+    def __init__(self) -> None:
+        self._last: deque[bytes] = deque(maxlen=_REMEMBERED)
+
+    def knew(self, seen: bytes) -> bool:
+        """Whether this is among it; from now on it is."""
+        known = seen in self._last
+        self._last.append(seen)
+        return known
 
 
-def _rests(changed: NDArray[np.bool_]) -> IntArray:
-    """How many steps without a change came before each change.
+def _pairs(seen: list[bytes], actions: Tensor) -> list[tuple[bytes, bytes]]:
+    """What is the same for the same action at the same observation."""
+    return [(key, row.cpu().numpy().tobytes()) for key, row in zip(seen, actions, strict=True)]
 
-    >>> _rests(np.array([True, False, False, True])).tolist()
-    [0, 2]
+
+def _rests(observations: FloatArray) -> IntArray:
+    """How many steps without anything new came before each new observation, but for the first.
+
+    >>> _rests(np.array([[1.0], [2.0], [1.0], [2.0], [3.0], [4.0]])).tolist()
+    [0, 2, 0]
     """
-    at = np.flatnonzero(changed)
-    lengths: IntArray = np.diff(at, prepend=-1) - 1
+    memory = _Memory()
+    new = np.array([not memory.knew(row.tobytes()) for row in observations])
+    lengths: IntArray = np.diff(np.flatnonzero(new)) - 1
     return lengths

@@ -98,9 +98,9 @@ def train_policy(
     lengths = candidates(model.window, model.bot_window or 1)
     size = math.ceil(batch_size / (demonstrations.lengths.mean() if model.bot_window is None else _MOMENTS))
     best = None if held_out is None else _Best(model, decoders, held_out, seed)
-    decoders.train()
     with seeded(seed, model.device):
         for step in range(num_steps):
+            decoders.train()
             sequence = np.random.SeedSequence((seed, step))
             reseed(sequence.generate_state(1, np.uint64).item(), model.device)
             random = np.random.default_rng(sequence)
