@@ -1,7 +1,7 @@
 """How people share the ring: what z says of whole pairs that the model has not seen, and bots that go their way.
 
     pip install ".[overcooked]"
-    python scripts/overcooked_laps.py --out results/overcooked
+    python scripts/overcooked_laps.py --out results/overcooked --seeds 5
 
 With the configuration of `tvae demo overcooked`, but trained to the end on all that a fold has, since nothing is held
 out beside it:
@@ -11,19 +11,21 @@ out beside it:
   regression that tells net laps from the mean of z, and from a sample of it, its penalty chosen by leaving pairs of the
   training out; and the adjusted Rand index of the found styles, each called what most of its training segments do,
   against what the segments do (clockwise, counter-clockwise, or none where net laps are below 2 either way);
-- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do: net laps and soups, beside
-  those of the people of these styles. As the bound leaves the policy, with sampled actions (`bound`); after 2,000 steps
-  of the policy alone (`alone`); then with the temperature 0.7 (`cooler`), and `Restless` too (`restless`). The policy's
-  nets are twice as wide here as in `tvae demo overcooked`.
+- a model of all pairs; 100 games of 400 steps of a bot for each thing that its styles do: net laps and soups. As the
+  bound leaves the policy, with sampled actions (`bound`); after 2,000 steps of the policy alone (`alone`); then with
+  the temperature 0.7 (`cooler`), and `Restless` too (`restless`), which also plays games of 1,200 steps (`whole`), as
+  long as people's, given as in 400 steps. The policy's nets are twice as wide here as in `tvae demo overcooked`;
+- what people of these styles do in 400 steps: of their whole games (`whole`), and of their first 400 (`beginning`). A
+  game begins with empty pots, so that the first soup takes its time: bots' games compare with people's first 400.
 
-Each part is a file under OUT/parts and skipped when it is there.
+Each part is a file under OUT/parts, beside the models of the bots, and skipped when it is there.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -43,9 +45,10 @@ from sklearn.preprocessing import StandardScaler
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
+from tvae.device import resolve_device
 from tvae.envs.overcooked import SOUP_REWARD, OvercookedEnv, net_laps
 from tvae.evaluate.encoding import encode
-from tvae.evaluate.likelihood import mean_interval
+from tvae.evaluate.over_seeds import over_seeds
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.evaluate.styles import Playstyles
 from tvae.experiments.benchmark.ours import AnyStyle
@@ -68,7 +71,9 @@ ALONE = "19"
 FOLDS = 7
 NAMES = {1: "clockwise", -1: "counter-clockwise", 0: "none"}
 PENALTIES = np.logspace(-1, 3, 9)
-GAMES, STEPS, LAPS = 100, 400, 4
+GAMES, STEPS, WHOLE, LAPS = 100, 400, 1_200, 4
+SEGMENT, STRIDE = 200, 50
+"""Of `tvae.experiments.tasks.overcooked`."""
 POLICY_FEATURES, POLICY_STEPS, POLICY_RATE, TEMPERATURE = 256, 2_000, 3e-3, 0.7
 
 
@@ -151,64 +156,82 @@ def soups(episodes: Demonstrations) -> FloatArray:
     return np.array([episode.steps["reward"].sum() / SOUP_REWARD for episode in episodes])
 
 
-def bots(*, seed: int, device: str) -> dict[str, Any]:
-    """Games of the bots of a model of all pairs, one for each thing that the found styles do."""
+def stored(home: Path, train: Callable[[], TrajectoryVAE]) -> TrajectoryVAE:
+    """The model that is there, or one that is trained and put there."""
+    if not home.exists():
+        train().save(home)
+    return TrajectoryVAE.load(home)
+
+
+def bots(home: Path, *, seed: int, device: str) -> dict[str, Any]:
+    """Games of the bots of a model of all pairs, which lies at `home`, one for each thing that the found styles do."""
     recipe = overcooked(None, seed)
     demonstrations = recipe.demonstrations()
-    wide = replace(recipe.config.model, policy_features=POLICY_FEATURES)
-    model = fitted(demonstrations, replace(recipe.config, model=wide), device)
+    wide = replace(recipe.config, model=replace(recipe.config.model, policy_features=POLICY_FEATURES))
+    bound = stored(home / "bound", partial(fitted, demonstrations, wide, device))
     people = judged(demonstrations)
-    playstyles = find_playstyles(encode(model, people), seed=seed)
+    playstyles = find_playstyles(encode(bound, people), seed=seed)
     names = np.array(names_of(playstyles, net_laps(people)))
-    latents = {
-        name: AnyStyle([style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this])
-        for name in sorted(set(names.tolist()), reverse=True)
-    }
-    theirs = {name: people.select(np.flatnonzero(names[playstyles.assignment] == name)) for name in latents}
-    found: dict[str, Any] = {
-        NAMES[name]: {
-            "styles": len(z.styles),
-            "segments": len(theirs[name]),
-            "bound": games(LatentPolicy(model, z), name, theirs[name], seed),
-        }
-        for name, z in latents.items()
-    }
-    assignment, _ = playstyles.assign(encode(model, demonstrations))
-    lessons = Lessons(demonstrations, OfStyles(playstyles.styles, assignment))
-    train_policy(model, lessons, num_steps=POLICY_STEPS, learning_rate=POLICY_RATE, seed=seed)
-    for name, z in latents.items():
+
+    def taught() -> TrajectoryVAE:
+        model = TrajectoryVAE.load(home / "bound").to(resolve_device(device))
+        assignment, _ = playstyles.assign(encode(model, demonstrations))
+        lessons = Lessons(demonstrations, OfStyles(playstyles.styles, assignment))
+        train_policy(model, lessons, num_steps=POLICY_STEPS, learning_rate=POLICY_RATE, seed=seed)
+        return model
+
+    alone = stored(home / "alone", taught)
+    found: dict[str, Any] = {}
+    for name in sorted(set(names.tolist()), reverse=True):
+        z = AnyStyle([style for style, does_this in zip(playstyles.styles, names == name, strict=True) if does_this])
+        restless = Restless(alone, z, demonstrations, temperature=TEMPERATURE)
         policies = {
-            "alone": LatentPolicy(model, z),
-            "cooler": LatentPolicy(model, z, choice=Tempered(TEMPERATURE)),
-            "restless": Restless(model, z, demonstrations, temperature=TEMPERATURE),
+            "bound": LatentPolicy(bound, z),
+            "alone": LatentPolicy(alone, z),
+            "cooler": LatentPolicy(alone, z, choice=Tempered(TEMPERATURE)),
+            "restless": restless,
         }
-        found[NAMES[name]] |= {way: games(policy, name, theirs[name], seed) for way, policy in policies.items()}
+        found[NAMES[name]] = {
+            "people": of_people(people.select(np.flatnonzero(names[playstyles.assignment] == name))),
+            **{way: games(policy, name, STEPS, seed) for way, policy in policies.items()},
+            "whole": games(restless, name, WHOLE, seed),
+        }
     return found
 
 
-def beside(bot: FloatArray, people: FloatArray, segments: Demonstrations) -> dict[str, Any]:
-    """The mean of a bot's games with its interval, and what people of its style do in as many steps."""
-    low, high = mean_interval(bot)
+def in_a_game(values: FloatArray, lengths: IntArray) -> float:
+    """What there is of something in 400 steps."""
+    return float(values.sum() * STEPS / lengths.sum())
+
+
+def of_people(theirs: Demonstrations) -> dict[str, Any]:
+    """Net laps and soups of people of a style in 400 steps, of their whole games and of the first 400 of them."""
+    first = theirs.attributes["segment"] * STRIDE <= STEPS - SEGMENT
+    parts = {"whole": theirs, "beginning": theirs.select(np.flatnonzero(first))}
     return {
-        "mean": float(bot.mean()),
-        "ci95": [low, high],
-        "people": float(people.sum() * STEPS / segments.lengths.sum()),
+        part: {
+            "segments": len(some),
+            "laps": in_a_game(net_laps(some), some.lengths),
+            "soups": in_a_game(soups(some), some.lengths),
+        }
+        for part, some in parts.items()
+        if len(some)
     }
 
 
-def games(policy: Policy, name: int, theirs: Demonstrations, seed: int) -> dict[str, Any]:
-    """What comes of games of a bot that is to do this, beside the people of its style."""
-    envs = SyncVectorEnv([partial(OvercookedEnv, "coordination_ring", STEPS)] * 50)
+def games(policy: Policy, name: int, steps: int, seed: int) -> dict[str, float]:
+    """What comes of games of a bot that is to do this: net laps and soups in 400 steps, and how often it did it."""
+    envs = SyncVectorEnv([partial(OvercookedEnv, "coordination_ring", steps)] * 50)
     try:
         episodes = rollout(envs, policy, GAMES, seed=seed)
     finally:
         envs.close()
-    laps = net_laps(episodes)
+    laps = net_laps(episodes) * STEPS / steps
     reached = np.abs(laps) < LAPS if name == 0 else name * laps >= LAPS
     return {
         "as_asked": float(reached.mean()),
-        "laps": beside(laps, net_laps(theirs), theirs),
-        "soups": beside(soups(episodes), soups(theirs), theirs),
+        "laps": in_a_game(net_laps(episodes), episodes.lengths),
+        "soups": in_a_game(soups(episodes), episodes.lengths),
     }
 
 
@@ -217,7 +240,7 @@ def part(path: Path, pairs: list[str] | None, seed: int, device: str) -> None:
     if path.exists():
         return
     torch.set_num_threads(1)
-    found = bots(seed=seed, device=device) if pairs is None else fold(pairs, seed=seed, device=device)
+    found = bots(path.parent, seed=seed, device=device) if pairs is None else fold(pairs, seed=seed, device=device)
     path.parent.mkdir(parents=True, exist_ok=True)
     with appearing(path) as partial_path:
         partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
@@ -254,7 +277,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("results/overcooked"))
     parser.add_argument("--jobs", type=int, default=2, help="processes, one core each")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seeds", type=int, default=1, help="how many, from 0 on")
     parser.add_argument("--device", default="cpu", help="as in tvae fit: auto, cpu, cuda, mps")
     asked = parser.parse_args()
     pairs = sorted({str(pair) for pair in overcooked(None, 0).demonstrations().attributes["pair"]} - {ALONE}, key=int)
@@ -262,16 +285,20 @@ def main() -> None:
     folds = {"fold-0": [ALONE]} | {
         f"fold-{index + 1}": [str(pair) for pair in some] for index, some in enumerate(np.array_split(shuffled, FOLDS))
     }
-    home = asked.out / "parts" / f"seed-{asked.seed}"
+    homes = [asked.out / "parts" / f"seed-{seed}" for seed in range(asked.seeds)]
     with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as workers:
         waiting = [
-            workers.submit(part, home / f"{name}.json", some, asked.seed, asked.device)
+            workers.submit(part, home / f"{name}.json", some, seed, asked.device)
+            for seed, home in enumerate(homes)
             for name, some in [("bots", None), *folds.items()]
         ]
         for done in waiting:
             done.result()
-    parts = {name: json.loads((home / f"{name}.json").read_text(encoding="utf-8")) for name in ("bots", *folds)}
-    found = {**summary(parts), "bots": parts["bots"]}
+    runs = [
+        {name: json.loads((home / f"{name}.json").read_text(encoding="utf-8")) for name in ("bots", *folds)}
+        for home in homes
+    ]
+    found = over_seeds([{**summary(parts), "bots": parts["bots"]} for parts in runs])
     with appearing(asked.out / "metrics.json", overwrite=True) as partial_path:
         partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(json.dumps(found, indent=1))

@@ -54,7 +54,7 @@ class ModelConfig:
 class TrainingConfig:
     """The arguments of `tvae.train.loop.train`."""
 
-    num_steps: int = 2_500
+    num_steps: int = 2_200
     """Most steps of gradient descent."""
     batch_size: int | None = None
     """Trajectories in a step; None for 32 to 64 of them, fewer where they are long."""
@@ -110,7 +110,7 @@ class RunConfig:
         """How many steps the policy alone takes.
 
         >>> RunConfig().policy_steps, RunConfig(policy=PolicyConfig(num_steps=0)).policy_steps
-        (2500, 0)
+        (2200, 0)
         """
         asked = self.policy.num_steps
         return min(self.training.num_steps, MOST_POLICY_STEPS) if asked is None else asked

@@ -37,7 +37,7 @@ def fit(
     dynamics: bool = False,
     events: bool = True,
     schedule: KLSchedule = RAISED,
-    num_steps: int = 2_500,
+    num_steps: int = 2_200,
     batch_size: int | None = None,
     learning_rate: float = 1e-2,
     clip: float = 1.0,
