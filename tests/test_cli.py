@@ -27,6 +27,7 @@ from tvae.envs.zombie import zombie_demonstrations
 from tvae.experiments.fitting import about_run, split
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Reading, Source
+from tvae.generate.restless import Restless
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows
 from tvae.train.loop import evaluate
@@ -143,6 +144,28 @@ def test_verbs_work_on_a_finished_run(
     assert " in zombie.parquet</h1>" in page
     assert "80 sessions, " in page
     assert "signals; run zombie</p>" in page
+
+
+def test_a_restless_bot_knows_the_runs_demonstrations_and_draws(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    class Watched(Restless):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            made.append((len(options["demonstrations"]), self.temperature, self.longest_rest))
+
+    monkeypatch.setattr("tvae.cli.rollout.Restless", Watched)
+    asked = ("rollout", run, "--episodes", "3", "--restless")
+    call(*asked, "--out", tmp_path / "restless.parquet")
+    call(*asked, "--temperature", "0.5", "--out", tmp_path / "cool.parquet")
+    assert made == [(80, 1.0, 0), (80, 0.5, 0)]
+    warm, cool = (tvae.load_demonstrations(tmp_path / name) for name in ("restless.parquet", "cool.parquet"))
+    assert len(warm) == len(cool) == 3
+    assert warm.num_steps != cool.num_steps or (warm.actions != cool.actions).any()
+    said = refused(capsys, *asked, "--most-likely", "--out", tmp_path / "x.parquet")
+    assert "--most-likely draws nothing, so that --restless cannot try something else" in said
 
 
 def test_a_style_has_the_name_that_it_was_given(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

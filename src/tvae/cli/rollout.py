@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, choice_of
 from tvae.data.sources import save_demonstrations
+from tvae.errors import TvaeError
 from tvae.experiments.using import act, open_run
+from tvae.generate.closed_loop import LatentPolicy
+from tvae.generate.restless import Restless
+from tvae.model.decoding import LatentSource
+from tvae.rollouts import Policy
 
 
 def rollout(
@@ -20,6 +27,7 @@ def rollout(
     window: int | None = None,
     most_likely: Flag = False,
     temperature: float | None = None,
+    restless: Flag = False,
     seed: Seed = 0,
     device: Device = "auto",
     force: Force = False,
@@ -43,12 +51,22 @@ def rollout(
         Always take the most likely action instead of drawing one.
     temperature
         T > 0: draw from p^(1/T) instead of p. Below 1 nearer to the most likely and less varied, 1 as learnt.
+    restless
+        Try something else where nothing new has been seen for longer than in the run's demonstrations.
     """
     opened = open_run(run, device)
     arena = opened.arena(env)
     if episodes is not None:
         arena = replace(arena, episodes=episodes)
     choice = choice_of(most_likely=most_likely, temperature=temperature)
-    found = act(opened, style, arena, choice=choice, window=window, seed=seed, console=CONSOLE)
+    bot: Callable[[LatentSource], Policy] = partial(LatentPolicy, opened.model, choice=choice, window=window)
+    if restless:
+        if most_likely:
+            raise TvaeError("--most-likely draws nothing, so that --restless cannot try something else")
+        recorded = opened.about.source.load()
+        bot = partial(
+            Restless, opened.model, demonstrations=recorded, temperature=temperature or 1.0, window=window
+        )
+    found = act(opened, style, arena, bot, seed=seed, console=CONSOLE)
     save_demonstrations(found, out, overwrite=force)
     CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -23,9 +24,9 @@ from tvae.experiments.parallel import is_parallel, opened, played
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.model.decoding import Choice, LatentSource, most_likely, sampled
+from tvae.model.decoding import most_likely, sampled
 from tvae.model.tvae import TrajectoryVAE
-from tvae.rollouts import check_spaces, rollout
+from tvae.rollouts import Policy, check_spaces, rollout
 from tvae.spaces import Space
 
 _MOST_COPIES = 1000
@@ -53,22 +54,16 @@ def check_arena(arena: Arena, observation_space: Space, action_space: Space) -> 
 
 def bot_episodes(
     model: TrajectoryVAE,
-    latents: LatentSource,
+    bot: Callable[[], Policy],
     arena: Arena,
     *,
-    choice: Choice,
-    window: int | None,
     seed: int,
     on_step: Callable[[int], None],
 ) -> Demonstrations:
-    """Episodes of the bot whose z comes from `latents`; where there are several players, of each of them.
+    """Episodes of a bot of `model`; where there are several players, of each of them, with a bot of its own.
 
     Raises `SpaceMismatchError` if the environment has other signals than the model.
     """
-
-    def bot() -> LatentPolicy:
-        return LatentPolicy(model, latents, choice=choice, window=window)
-
     if is_parallel(arena.env):
         return played(arena, model.observation_space, model.action_space, bot, seed=seed, on_step=on_step)
     envs = vector_env(arena)
@@ -102,9 +97,8 @@ def try_bots(
         name, shown = findings.key(style), findings.name(style)
         for choice, suffix in ((sampled, ""), (most_likely, "_most_likely")):
             with counting(f"{shown}: test episodes{suffix.replace('_', ' ')}", arena.episodes, console) as done:
-                episodes = bot_episodes(
-                    model, style, arena, choice=choice, window=None, seed=seed, on_step=done
-                )
+                bot = partial(LatentPolicy, model, style, choice=choice)
+                episodes = bot_episodes(model, bot, arena, seed=seed, on_step=done)
             outcomes = knowledge.success(episodes)
             reached = outcomes.get(name, outcomes.get("all"))
             if reached is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,9 @@ from tvae.experiments.parallel import named_again
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
 from tvae.generate.open_loop import imagine
-from tvae.model.decoding import Choice
+from tvae.model.decoding import Choice, LatentSource
 from tvae.model.tvae import TrajectoryVAE
+from tvae.rollouts import Policy
 from tvae.spaces import IntArray
 
 
@@ -59,16 +62,15 @@ def act(
     run: FinishedRun,
     style: str,
     arena: Arena,
+    bot: Callable[[LatentSource], Policy],
     *,
-    choice: Choice,
-    window: int | None,
     seed: int,
     console: Console,
 ) -> Demonstrations:
-    """Episodes of a style's bot in `arena`."""
+    """Episodes in `arena` of the bot that gets z from a style."""
     latents = run.findings.style(style)
     with counting("episodes", arena.episodes, console) as done:
-        return bot_episodes(run.model, latents, arena, choice=choice, window=window, seed=seed, on_step=done)
+        return bot_episodes(run.model, partial(bot, latents), arena, seed=seed, on_step=done)
 
 
 def imagine_style(

@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 from torch import Tensor
 
+from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.distributions import RowDistribution
@@ -16,6 +17,8 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
 _COMMON = 0.99
+_MOST_STEPS = 200_000
+"""Of demonstrations whose rests are looked at; of more, evenly spaced episodes."""
 _REMEMBERED = 16
 _MOST_DRAWS = 16
 _HOT = 1.5
@@ -26,12 +29,12 @@ class Restless(LatentPolicy):
 
     Two bots in each other's way, or one before a machine that it cannot use, may find themselves where people hardly
     ever were, and wait for ever, or step aside and back: what people did there was to wait a moment. An observation is
-    new that is none of the 16 before it, and a rest is a run of those that are not. `longest_rest` is as long as 99 % of
-    the demonstrations' rests between two new observations. Where a rest has lasted r > 0 steps more, the next action is
-    drawn from p^(1/T) with T = (1 + r) `temperature`, and drawn again, up to 16 times, while it is one that was tried at
-    this observation in this rest. For `longest_rest` steps after such a rest T is at least 1.5, so that the two do not
-    fall back into the same one. Elsewhere T is `temperature`. Where every observation is new, as in worlds of numbers,
-    it is `LatentPolicy`.
+    new that is none of the 16 before it, and a rest is a run of those that are not. `longest_rest` is as long as 99 %
+    of the demonstrations' rests between two new observations. Where a rest has lasted r > 0 steps more, the next action
+    is drawn from p^(1/T) with T = (1 + r) `temperature`, and drawn again, up to 16 times, while it is one that was
+    tried at this observation in this rest. For `longest_rest` steps after such a rest T is at least 1.5, so that the
+    two do not fall back into the same one. Elsewhere T is `temperature`. Where every observation is new, as in worlds
+    of numbers, it is `LatentPolicy`.
 
     Carroll et al. 2019 (arXiv 1910.05789) free their cloned players by a random action.
 
@@ -56,7 +59,8 @@ class Restless(LatentPolicy):
     ) -> None:
         super().__init__(model, latents, choice=Tempered(temperature), window=window)
         self.temperature = temperature
-        lengths = np.concatenate([_rests(episode.observations) for episode in demonstrations])
+        some = evenly(demonstrations, _MOST_STEPS)
+        lengths = np.concatenate([_rests(episode.observations) for episode in some])
         if not len(lengths):
             raise DataError("how long people rest needs demonstrations in which something changes, got none")
         self.longest_rest = int(np.quantile(lengths, _COMMON, method="higher"))

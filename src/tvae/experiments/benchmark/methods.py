@@ -59,7 +59,7 @@ Coded: TypeAlias = IndexedCloning | LabelledCloning | DAgger | StateTrajectoryVA
 
 
 def _coded(method: Coded) -> Maker:
-    """As it is, but with one law for an action on circles, as ours: within a style there is one way to walk there."""
+    """As it is, but with one law for an action on circles: within a style there is one way to walk there."""
     return lambda task, cells: replace(method, num_components=1) if task == "circle" else method
 
 

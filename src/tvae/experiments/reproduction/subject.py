@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -87,15 +87,8 @@ class Subject:
         self, latents: LatentSource, arena: Arena, *, choice: Choice = sampled, window: int | None = None
     ) -> Demonstrations:
         """Fresh episodes of a bot."""
-        return bot_episodes(
-            self.model,
-            latents,
-            arena,
-            choice=choice,
-            window=window,
-            seed=WORLDS + self.seed,
-            on_step=lambda finished: None,
-        )
+        bot = partial(LatentPolicy, self.model, latents, choice=choice, window=window)
+        return bot_episodes(self.model, bot, arena, seed=WORLDS + self.seed, on_step=lambda finished: None)
 
     def common(self) -> dict[str, Any]:
         """What every task reports: styles on the test demonstrations, and what z holds."""
