@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-from tvae.baselines.chunks import Chunk, ChunkPolicy, learn_chunks
+from tvae.baselines.chunks import Chunk, ChunkPolicy, Proposer, learn_chunks
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
 from tvae.baselines.policies import ACTION_FLOOR
@@ -28,7 +28,7 @@ from tvae.heads import Head
 from tvae.model.latent import StandardNormal
 
 
-class ChunkVAE(nn.Module):
+class ChunkVAE(Proposer):
     """q(z | x_t, a_t:t+k) and pi(a_t:t+k | x_t, z)."""
 
     def __init__(self, senses: Senses, *, num_actions: int, latent_features: int, hidden_features: int) -> None:

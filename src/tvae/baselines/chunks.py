@@ -6,9 +6,10 @@ which the first few are taken before it is asked again.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -74,15 +75,14 @@ class ChunkData:
         return self.at(torch.randint(len(self), (count,)).numpy())
 
 
-@runtime_checkable
-class Proposer(Protocol):
+class Proposer(nn.Module, ABC):
     """A network that gives the next k actions."""
 
     senses: Senses
 
+    @abstractmethod
     def propose(self, inputs: Float[Tensor, "N X"]) -> Float[Tensor, "N K A"]:
         """Values of the next k actions of N episodes."""
-        ...
 
 
 N = TypeVar("N", bound=nn.Module)

@@ -20,7 +20,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from tvae.baselines.chunks import Chunk, ChunkPolicy, learn_chunks
+from tvae.baselines.chunks import Chunk, ChunkPolicy, Proposer, learn_chunks
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import CPU, Descent, num_parameters
 from tvae.baselines.senses import Senses
@@ -30,7 +30,7 @@ from tvae.device import seeded
 _FREQUENCIES = 8
 
 
-class FlowNetwork(nn.Module):
+class FlowNetwork(Proposer):
     """v(y, u, x_t), and the actions that it leads to."""
 
     def __init__(
