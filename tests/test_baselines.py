@@ -12,7 +12,7 @@ import torch
 from toys import ACTIONS, noise, rows, two_styles
 from tvae.baselines.act import ActionChunks
 from tvae.baselines.bet import BehaviorTransformer, BinTransformer, WindowData, WindowPolicy, middles
-from tvae.baselines.chunks import ChunkData, ChunkPolicy
+from tvae.baselines.chunks import ChunkData, ChunkPolicy, Proposer
 from tvae.baselines.cloning import CloningLSTM, CloningMLP
 from tvae.baselines.contract import Bots, Envs, Lesson, Method, World
 from tvae.baselines.counting import StepCounter
@@ -203,7 +203,7 @@ def test_chunks_without_a_latent_are_the_average():
 
 
 def test_a_chunk_is_asked_for_when_the_last_is_used_up():
-    class Counting:
+    class Counting(Proposer):
         senses = Senses.fit(two_styles(4))
         asked = 0
 
