@@ -493,7 +493,7 @@ def test_who_watches_is_told_where_training_ended(tmp_path: Path) -> None:
     with StringIO() as screen:
         with watching(RunConfig(), tmp_path, Console(file=screen, width=200)) as shown:
             together([shown]).on_end(judged(FALLING, RISING, best=8))
-        assert "at step 1200 of 2500: the held-out bound was best at step 800" in screen.getvalue()
+        assert "at step 1200 of 2200: the held-out bound was best at step 800" in screen.getvalue()
 
 
 # Resuming
