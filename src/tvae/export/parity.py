@@ -47,7 +47,7 @@ def in_torch(graph: Graph) -> Session:
     def run(given: Mapping[str, NDArray[Any]]) -> Arrays:
         with torch.inference_mode():
             found = graph(*(tensor(given[port.name]) for port in graph.inputs))
-        return {port.name: tensor.float().numpy() for port, tensor in zip(graph.outputs, found, strict=True)}
+        return {port.name: values.float().numpy() for port, values in zip(graph.outputs, found, strict=True)}
 
     return run
 
