@@ -18,14 +18,15 @@ out beside it:
 - what people of these styles do in 400 steps: of their whole games (`whole`), and of their first 400 (`beginning`). A
   game begins with empty pots, so that the first soup takes its time: bots' games compare with people's first 400.
 
-Each part is a file under OUT/parts, beside the models of the bots, and skipped when it is there.
+Each part is a file under OUT/parts, beside the models of the bots, and skipped when it is there. Of a fold it holds
+what the encoder says of each segment, so that styles and probe are made again each time, without training.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -47,7 +48,7 @@ from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device
 from tvae.envs.overcooked import SOUP_REWARD, OvercookedEnv, net_laps
-from tvae.evaluate.encoding import encode
+from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.evaluate.styles import Playstyles
@@ -129,25 +130,38 @@ def names_of(playstyles: Playstyles, laps: FloatArray) -> list[int]:
     ]
 
 
-def fold(pairs: list[str], *, seed: int, device: str) -> dict[str, Any]:
-    """What a model and a probe that have not seen these pairs say of them."""
+def fold(pairs: list[str], *, seed: int, device: str) -> dict[str, NDArray[Any]]:
+    """What a model that has not seen these pairs says of segments of the others, `known`, and of theirs, `asked`."""
     recipe = overcooked(None, seed)
     demonstrations = recipe.demonstrations()
     seen, others = (of_pairs(demonstrations, pairs, left_out=left_out) for left_out in (False, True))
     model = fitted(seen, recipe.config, device)
-    training, test = judged(seen), judged(others)
-    known, asked, random = encode(model, training), encode(model, test), np.random.default_rng(seed)
-    laps, groups = net_laps(training), training.attributes["pair"]
+    found: dict[str, NDArray[Any]] = {"kl": np.array(evaluate(model, judged(seen)).kl)}
+    for name, some in (("known", judged(seen)), ("asked", judged(others))):
+        posteriors = encode(model, some)
+        found |= {
+            f"{name}.means": posteriors.means,
+            f"{name}.scales": posteriors.scales,
+            f"{name}.laps": net_laps(some),
+            f"{name}.pairs": some.attributes["pair"].astype(str),
+        }
+    return found
+
+
+def judgement(found: Mapping[str, NDArray[Any]], seed: int) -> dict[str, Any]:
+    """What styles and a probe that have seen what is known say of what is asked."""
+    known, asked = (Posteriors(found[f"{name}.means"], found[f"{name}.scales"]) for name in ("known", "asked"))
+    laps, groups, random = found["known.laps"], found["known.pairs"], np.random.default_rng(seed)
     playstyles = find_playstyles(known, seed=seed)
     names, (style, _) = names_of(playstyles, laps), playstyles.assign(asked)
     return {
-        "pairs": pairs,
-        "laps": net_laps(test).tolist(),
-        "from_mean": told(known.means, laps, groups, asked.means).tolist(),
-        "from_sample": told(known.sample(random), laps, groups, asked.sample(random)).tolist(),
+        "pairs": sorted(set(found["asked.pairs"].tolist())),
+        "laps": found["asked.laps"],
+        "from_mean": told(known.means, laps, groups, asked.means),
+        "from_sample": told(known.sample(random), laps, groups, asked.sample(random)),
         "named": [names[index] for index in style],
-        "styles": [NAMES[name] for name in names],
-        "kl": evaluate(model, training).kl,
+        "styles": len(names),
+        "kl": float(found["kl"]),
     }
 
 
@@ -235,24 +249,36 @@ def games(policy: Policy, name: int, steps: int, seed: int) -> dict[str, float]:
     }
 
 
-def part(path: Path, pairs: list[str] | None, seed: int, device: str) -> None:
-    """One fold, or the bots, into a file; nothing where it is there."""
+def make_fold(path: Path, pairs: list[str], seed: int, device: str) -> None:
+    """One fold, into a file; nothing where it is there."""
     if path.exists():
         return
     torch.set_num_threads(1)
-    found = bots(path.parent, seed=seed, device=device) if pairs is None else fold(pairs, seed=seed, device=device)
+    found = fold(pairs, seed=seed, device=device)
     path.parent.mkdir(parents=True, exist_ok=True)
+    with appearing(path) as partial_path, partial_path.open("wb") as file:
+        np.savez_compressed(file, **found)
+    print(path, flush=True)
+
+
+def make_bots(path: Path, seed: int, device: str) -> None:
+    """The games of the bots of a seed, into a file; nothing where it is there."""
+    if path.exists():
+        return
+    torch.set_num_threads(1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    found = bots(path.parent, seed=seed, device=device)
     with appearing(path) as partial_path:
         partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(path, flush=True)
 
 
-def summary(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def summary(folds: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The numbers of all folds together, and those of the pair that is alone apart."""
     found: dict[str, Any] = {}
     for name, chosen in (
-        ("left_out", [fold for fold in parts.values() if "pairs" in fold and fold["pairs"] != [ALONE]]),
-        ("counter_clockwise", [fold for fold in parts.values() if fold.get("pairs") == [ALONE]]),
+        ("left_out", [fold for fold in folds if fold["pairs"] != [ALONE]]),
+        ("counter_clockwise", [fold for fold in folds if fold["pairs"] == [ALONE]]),
     ):
         laps, mean, sample, named = (
             np.concatenate([fold[key] for fold in chosen]) for key in ("laps", "from_mean", "from_sample", "named")
@@ -260,6 +286,7 @@ def summary(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
         found[name] = {
             "segments": len(laps),
             "kl": float(np.mean([fold["kl"] for fold in chosen])),
+            "styles": float(np.mean([fold["styles"] for fold in chosen])),
             "root_mean_square_error": float(np.sqrt(np.mean((mean - laps) ** 2))),
             "named_rightly": float((named == does(laps)).mean()),
         }
@@ -270,6 +297,15 @@ def summary(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
                 "ari": float(adjusted_rand_score(does(laps), named)),
             }
     return found
+
+
+def of_seed(home: Path, seed: int) -> dict[str, Any]:
+    """The numbers of a seed, from its files."""
+    folds = []
+    for path in sorted(home.glob("fold-*.npz")):
+        with np.load(path) as found:
+            folds.append(judgement(found, seed))
+    return {**summary(folds), "bots": json.loads((home / "bots.json").read_text(encoding="utf-8"))}
 
 
 def main() -> None:
@@ -287,18 +323,14 @@ def main() -> None:
     }
     homes = [asked.out / "parts" / f"seed-{seed}" for seed in range(asked.seeds)]
     with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as workers:
-        waiting = [
-            workers.submit(part, home / f"{name}.json", some, seed, asked.device)
-            for seed, home in enumerate(homes)
-            for name, some in [("bots", None), *folds.items()]
-        ]
+        waiting = []
+        for seed, home in enumerate(homes):
+            waiting.append(workers.submit(make_bots, home / "bots.json", seed, asked.device))
+            for name, some in folds.items():
+                waiting.append(workers.submit(make_fold, home / f"{name}.npz", some, seed, asked.device))
         for done in waiting:
             done.result()
-    runs = [
-        {name: json.loads((home / f"{name}.json").read_text(encoding="utf-8")) for name in ("bots", *folds)}
-        for home in homes
-    ]
-    found = over_seeds([{**summary(parts), "bots": parts["bots"]} for parts in runs])
+    found = over_seeds([of_seed(home, seed) for seed, home in enumerate(homes)])
     with appearing(asked.out / "metrics.json", overwrite=True) as partial_path:
         partial_path.write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(json.dumps(found, indent=1))

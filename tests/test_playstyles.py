@@ -97,6 +97,19 @@ def test_few_episodes_are_enough_for_clear_clusters():
     assert label_agreement(find_playstyles(posteriors_of(points, width=4)).assignment, labels) == 1
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_eighty_episodes_are_enough_where_clusters_touch(seed):
+    points, labels = blobs([0.5, 0.5], 80, 4, 5, seed)
+    found = find_playstyles(posteriors_of(points, width=8, seed=seed), seed=seed)
+    assert label_agreement(found.assignment, labels) > 0.8
+
+
+@pytest.mark.parametrize("cloud", [gaussian, disc, heavy_tailed, skewed, rod], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("seed", range(3))
+def test_few_episodes_of_one_cluster_are_one_style(cloud, seed):
+    assert len(find_playstyles(posteriors_of(cloud(80, seed), width=4, seed=seed), seed=seed)) == 1
+
+
 def test_rare_styles_are_found_and_the_most_frequent_comes_first():
     points, labels = blobs([0.05, 0.6, 0.3, 0.05], 1_000, 7, 3)
     found = find_playstyles(posteriors_of(points, width=4))

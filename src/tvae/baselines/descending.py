@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from tvae.device import seeded
+from tvae.model.inference import inferring
 
 CPU = torch.device("cpu")
 
@@ -60,10 +61,8 @@ class Descent:
                 nn.utils.clip_grad_norm_(network.parameters(), self.clip)
                 optimizer.step()
                 if judge is not None and ((step + 1) % self.evaluate_every == 0 or step + 1 == self.num_steps):
-                    network.eval()
-                    with torch.no_grad(), seeded(seed, CPU):
+                    with inferring(network), seeded(seed, CPU):
                         found = judge()
-                    network.train()
                     if found < lowest:
                         lowest, best = found, {name: value.clone() for name, value in network.state_dict().items()}
         if judge is not None:

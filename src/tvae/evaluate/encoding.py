@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from tvae.data.batches import batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import check_spaces
+from tvae.model.inference import inferring
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
@@ -55,7 +55,6 @@ class Posteriors:
         return self.select(episodes).sample(rng)
 
 
-@torch.no_grad()
 def encode(model: TrajectoryVAE, demonstrations: Demonstrations, batch_size: int = 64) -> Posteriors:
     """The posterior of every episode, in the order of `demonstrations`, without dropout.
 
@@ -69,13 +68,11 @@ def encode(model: TrajectoryVAE, demonstrations: Demonstrations, batch_size: int
     (3, 2)
     """
     check_spaces(demonstrations, model.observation_space, model.action_space)
-    was_training = model.training
-    model.eval()
     means = np.empty((len(demonstrations), model.latent_features))
     scales = np.empty_like(means)
-    for episodes in ordered_batches(demonstrations, batch_size):
-        posterior = model.posterior(batch_of(demonstrations, episodes, model.device))
-        means[episodes] = posterior.mean.double().cpu().numpy()
-        scales[episodes] = posterior.stddev.double().cpu().numpy()
-    model.train(was_training)
+    with inferring(model):
+        for episodes in ordered_batches(demonstrations, batch_size):
+            posterior = model.posterior(batch_of(demonstrations, episodes, model.device))
+            means[episodes] = posterior.mean.double().cpu().numpy()
+            scales[episodes] = posterior.stddev.double().cpu().numpy()
     return Posteriors(means, scales)

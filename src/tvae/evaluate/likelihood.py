@@ -25,6 +25,7 @@ from tvae.data.batches import TrajectoryBatch, batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.model.elbo import policy_log_likelihood, state_log_likelihood
+from tvae.model.inference import inferring
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows, state_windows
 from tvae.spaces import FloatArray
@@ -40,7 +41,6 @@ class Bound:
     """(E,) the same of the actions given the states: state and stop terms left out of p(tau | z)."""
 
 
-@torch.no_grad()
 def importance_weighted_bound(
     model: TrajectoryVAE,
     demonstrations: Demonstrations,
@@ -55,17 +55,14 @@ def importance_weighted_bound(
     """
     if num_samples < 1:
         raise ValueError(f"num_samples must be at least 1, got {num_samples}")
-    was_training = model.training
-    model.eval()
     total, actions = np.zeros(len(demonstrations)), np.zeros(len(demonstrations))
-    with seeded(seed, model.device):
+    with inferring(model), seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
             whole_weights, action_weights = _log_weights(model, batch, num_samples)
             for values, weights in ((total, whole_weights), (actions, action_weights)):
                 mean = torch.logsumexp(weights.double(), dim=0) - math.log(num_samples)
                 values[episodes] = mean.cpu().numpy()
-    model.train(was_training)
     return Bound(total, actions)
 
 

@@ -34,6 +34,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.ragged import ranges
 from tvae.data.sources import check_spaces
 from tvae.model.elbo import Predicted, predicted_actions, predicted_states, used_events
+from tvae.model.inference import inferring
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, policy_windows, state_windows
 from tvae.spaces import FloatArray, IntArray
@@ -101,7 +102,6 @@ class Scores:
         return np.bincount(episodes, weights=terms, minlength=len(self)).astype(np.float64)
 
 
-@torch.no_grad()
 def score(
     model: TrajectoryVAE,
     demonstrations: Demonstrations,
@@ -129,25 +129,23 @@ def score(
     action, state, end = np.empty(total), np.empty(total), np.empty(total)
     action_signals = np.empty((total, model.action_space.num_columns))
     observation_signals = np.empty((total, model.observation_space.num_columns))
-    events = np.empty((len(lengths), model.events.num_events))
-    was_training, finished = model.training, 0
-    model.eval()
-    for episodes in ordered_batches(demonstrations, batch_size):
-        batch = batch_of(demonstrations, episodes, model.device)
-        z = model.posterior(batch).mean
-        rows = ranges(starts[episodes], lengths[episodes])
-        at = policy_windows(model, batch)
-        actions = predicted_actions(model, batch, z, at)
-        action[rows], action_signals[rows] = _terms(actions, at, batch)
-        at = state_windows(model, batch)
-        states = predicted_states(model, batch, z, at)
-        state[rows], observation_signals[rows] = _terms(states.following, at, batch)
-        end[rows] = _steps(states.ends[:, None], at, batch)[:, 0]
-        occurrence = model.events.occurrence(z).log_prob_by_column(used_events(model, batch).to(z.dtype))
-        events[episodes] = occurrence.double().cpu().numpy()
-        finished += len(episodes)
-        on_episodes(finished)
-    model.train(was_training)
+    events, finished = np.empty((len(lengths), model.events.num_events)), 0
+    with inferring(model):
+        for episodes in ordered_batches(demonstrations, batch_size):
+            batch = batch_of(demonstrations, episodes, model.device)
+            z = model.posterior(batch).mean
+            rows = ranges(starts[episodes], lengths[episodes])
+            at = policy_windows(model, batch)
+            actions = predicted_actions(model, batch, z, at)
+            action[rows], action_signals[rows] = _terms(actions, at, batch)
+            at = state_windows(model, batch)
+            states = predicted_states(model, batch, z, at)
+            state[rows], observation_signals[rows] = _terms(states.following, at, batch)
+            end[rows] = _steps(states.ends[:, None], at, batch)[:, 0]
+            occurrence = model.events.occurrence(z).log_prob_by_column(used_events(model, batch).to(z.dtype))
+            events[episodes] = occurrence.double().cpu().numpy()
+            finished += len(episodes)
+            on_episodes(finished)
     return Scores(lengths, action, action_signals, state, observation_signals, end, events)
 
 

@@ -23,6 +23,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, elbo
+from tvae.model.inference import inferring
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut_anywhere
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
@@ -231,7 +232,6 @@ def cut_as_a_bot_sees(model: TrajectoryVAE, batch: TrajectoryBatch) -> Windows:
     return cut_anywhere(batch, model.bot_window)
 
 
-@torch.no_grad()
 def evaluate(
     model: TrajectoryVAE,
     demonstrations: Demonstrations,
@@ -245,15 +245,12 @@ def evaluate(
     `seen` gives the windows of the policy; those of the training are cut. `tvae.model.windows.policy_windows` gives
     each step the past that a bot has there.
     """
-    was_training = model.training
-    model.eval()
     weighted: list[Terms] = []
-    with seeded(seed, model.device):
+    with inferring(model), seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
             windows = {"policy": seen(model, batch), "state": cut_anywhere(batch, model.window)}
             weighted.extend([_mean(elbo(model, batch, **windows))] * len(episodes))
-    model.train(was_training)
     return _average(weighted)
 
 

@@ -18,12 +18,12 @@ with the same z ~ q(z | tau_i) in both: a longer memory has to be worth 0.02 nat
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from tvae.data.batches import batch_of, evenly, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import seeded
 from tvae.model.elbo import policy_log_likelihood
+from tvae.model.inference import inferring
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import rolling
 from tvae.spaces import FloatArray
@@ -72,17 +72,13 @@ def candidates(window: int | None, shortest: int) -> tuple[int | None, ...]:
     return (*(length for length in powers if length >= shortest), window)
 
 
-@torch.no_grad()
 def _log_probability(model: TrajectoryVAE, demonstrations: Demonstrations, window: int, seed: int) -> FloatArray:
     """(E,) log-probability of the actions of each trajectory under a rolling window."""
-    was_training = model.training
-    model.eval()
     found = np.zeros(len(demonstrations))
-    with seeded(seed, model.device):
+    with inferring(model), seeded(seed, model.device):
         for episodes in ordered_batches(demonstrations, 32):
             batch = batch_of(demonstrations, episodes, model.device)
             z = model.posterior(batch).sample()
             policy = policy_log_likelihood(model, batch, z, rolling(batch.lengths, window))
             found[episodes] = policy.double().cpu().numpy()
-    model.train(was_training)
     return found

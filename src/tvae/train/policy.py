@@ -15,6 +15,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.model.decoding import latent_of
 from tvae.model.elbo import policy_log_likelihood
+from tvae.model.inference import inferring
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import drawn, policy_windows
 from tvae.spaces import FloatArray
@@ -98,9 +99,9 @@ def train_policy(
     lengths = candidates(model.window, model.bot_window or 1)
     size = math.ceil(batch_size / (demonstrations.lengths.mean() if model.bot_window is None else _MOMENTS))
     best = None if held_out is None else _Best(model, decoders, held_out, seed)
+    decoders.train()
     with seeded(seed, model.device):
         for step in range(num_steps):
-            decoders.train()
             sequence = np.random.SeedSequence((seed, step))
             reseed(sequence.generate_state(1, np.uint64).item(), model.device)
             random = np.random.default_rng(sequence)
@@ -128,21 +129,19 @@ def train_policy(
     decoders.eval()
 
 
-@torch.no_grad()
 def log_likelihoods(model: TrajectoryVAE, lessons: Lessons, *, seed: int = 0) -> FloatArray:
     """(E,) sum_t log pi(a_t | s_1:t, z) of each episode, in nats, as a bot sees it, at one z that it draws with `seed`.
 
     The law of which events occur is among it (`tvae.model.events`), as in the bound.
     """
-    was_training = model.training
-    model.eval()
     found = np.zeros(len(lessons.demonstrations))
     z = lessons.latents.draw(np.arange(len(found)), np.random.default_rng(seed))
-    for episodes in ordered_batches(lessons.demonstrations, _JUDGED_AT_ONCE):
-        batch = batch_of(lessons.demonstrations, episodes, model.device)
-        told = latent_of(model, z[episodes], len(episodes))
-        found[episodes] = policy_log_likelihood(model, batch, told, policy_windows(model, batch)).double().cpu().numpy()
-    model.train(was_training)
+    with inferring(model):
+        for episodes in ordered_batches(lessons.demonstrations, _JUDGED_AT_ONCE):
+            batch = batch_of(lessons.demonstrations, episodes, model.device)
+            told = latent_of(model, z[episodes], len(episodes))
+            nats = policy_log_likelihood(model, batch, told, policy_windows(model, batch))
+            found[episodes] = nats.double().cpu().numpy()
     return found
 
 
