@@ -51,8 +51,7 @@ from tvae.envs.overcooked import SOUP_REWARD, OvercookedEnv, net_laps
 from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.evaluate.playstyles import find_playstyles
-from tvae.evaluate.styles import Playstyles
-from tvae.experiments.benchmark.ours import AnyStyle
+from tvae.evaluate.styles import AnyStyle, Playstyles
 from tvae.experiments.fitting import schedule_of
 from tvae.experiments.tasks import overcooked
 from tvae.files import appearing

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,17 @@ from safetensors.torch import load_file
 
 import tvae
 from commands import call, refused
+from tvae.cli.options import CONSOLE
 from tvae.data.batches import suitable_batch_size
 from tvae.envs.zombie import zombie_demonstrations
+from tvae.evaluate.encoding import Posteriors
 from tvae.experiments.fitting import about_run, split
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Reading, Source
+from tvae.experiments.using import act, imagine_style, open_run
+from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.restless import Restless
+from tvae.model.decoding import LatentSource, sampled
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows
 from tvae.train.loop import evaluate
@@ -166,6 +171,38 @@ def test_a_restless_bot_knows_the_runs_demonstrations_and_draws(
     assert warm.num_steps != cool.num_steps or (warm.actions != cool.actions).any()
     said = refused(capsys, *asked, "--most-likely", "--out", tmp_path / "x.parquet")
     assert "--most-likely draws nothing, so that --restless cannot try something else" in said
+
+
+def test_a_bot_of_several_styles_draws_among_them(run: Path, table: Path, tmp_path: Path) -> None:
+    opened = open_run(run, "cpu")
+    only = opened.findings.playstyles.styles[0]
+    parts = tuple(
+        replace(only, index=index, weight=weight, members=Posteriors(np.full((1, 2), mean), np.full((1, 2), 1e-3)))
+        for index, weight, mean in ((0, 0.75, -1.0), (1, 0.25, 1.0))
+    )
+    playstyles = replace(opened.findings.playstyles, styles=parts, assignment=np.repeat([0, 1], [60, 20]))
+    two = replace(opened, findings=replace(opened.findings, playstyles=playstyles, labels={1: "late"}))
+    given: list[LatentSource] = []
+
+    def bot(latents: LatentSource) -> LatentPolicy:
+        given.append(latents)
+        return LatentPolicy(opened.model, latents)
+
+    for styles in (["late"], ["late", "0", "style 1"]):
+        act(two, styles, replace(opened.arena(None), episodes=2), bot, seed=0, console=CONSOLE)
+    assert given[0] is parts[1]
+    assert (given[1].sample(2000, np.random.default_rng(0))[:, 0] < 0).mean() == pytest.approx(0.75, abs=0.04)
+
+    demonstrations = tvae.load_demonstrations(table)
+    firsts = demonstrations.observations[demonstrations.observation_starts]
+    for styles, late, spread in ((["late"], 20, 0), (["0", "late"], 5, 4)):
+        imagined = imagine_style(two, styles, 20, choice=sampled, window=None, seed=0)
+        starts = imagined.observations[imagined.observation_starts]
+        from_late = int((starts[:, None] == firsts[60:]).all(-1).any(1).sum())
+        assert from_late == pytest.approx(late, abs=spread)
+
+    call("rollout", run, "--style", "0", "--style", "0", "--episodes", "2", "--out", tmp_path / "bot.parquet")
+    assert len(tvae.load_demonstrations(tmp_path / "bot.parquet")) == 2
 
 
 def test_a_style_has_the_name_that_it_was_given(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

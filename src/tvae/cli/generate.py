@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, choice_of
+from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, Styles, choice_of
 from tvae.data.sources import save_demonstrations
 from tvae.experiments.using import imagine_style, open_run
 
@@ -13,7 +13,7 @@ def generate(
     run: Run,
     *,
     out: Path,
-    style: str = "0",
+    style: Styles = ("0",),
     episodes: int = 100,
     window: int | None = None,
     most_likely: Flag = False,
@@ -28,8 +28,6 @@ def generate(
     ----------
     out
         Where to write them: a .parquet or .csv file, a .tvae directory, or minari:ID.
-    style
-        Number of the style, its name, or its label where the data had labels.
     window
         Rolling window: the most past states that the decoders remember; by default as in training.
     most_likely

@@ -32,6 +32,15 @@ RunOrModel = Annotated[
         "or owner/name of one on the Hugging Face Hub."
     ),
 ]
+Styles = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--style",
+        negative="",
+        help="Number of the style, its name, or its label where the data had labels. "
+        "Given several times: each episode is of one of them, drawn by their shares.",
+    ),
+]
 Seed = Annotated[int, Parameter(help="Everything random depends on it.")]
 Device = Annotated[str, Parameter(help="auto, cpu, cuda, cuda:N or mps.")]
 Force = Annotated[bool, Parameter(help="Replace what is there already.", negative="")]

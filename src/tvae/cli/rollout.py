@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, choice_of
+from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, Styles, choice_of
 from tvae.data.sources import save_demonstrations
 from tvae.errors import TvaeError
 from tvae.experiments.using import act, open_run
@@ -21,7 +21,7 @@ def rollout(
     run: Run,
     *,
     out: Path,
-    style: str = "0",
+    style: Styles = ("0",),
     env: str | None = None,
     episodes: int | None = None,
     window: int | None = None,
@@ -38,8 +38,6 @@ def rollout(
     ----------
     out
         Where to write them: a .parquet or .csv file, a .tvae directory, or minari:ID.
-    style
-        Number of the style, its name, or its label where the data had labels.
     env
         Gymnasium id, or MODULE:NAME of a parallel environment of PettingZoo, in which all players are bots of the
         style; by default the environment in which the run tried its bots.

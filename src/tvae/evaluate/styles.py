@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,34 @@ class Style:
     def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
         """(count, Z) draws from q_k(z): an episode at random, then z ~ q(z | tau_i)."""
         return self.members.select(rng.integers(len(self.members), size=count)).sample(rng)
+
+
+@dataclass(frozen=True, eq=False)
+class AnyStyle:
+    """z of one of these styles, drawn by their weights for each episode. A `LatentSource` of several styles.
+
+    >>> from tvae.evaluate.playstyles import find_playstyles
+    >>> means = np.repeat([[-9.0], [0.0], [9.0]], [60, 40, 100], axis=0) + np.linspace(-1, 1, 200)[:, None]
+    >>> styles = find_playstyles(Posteriors(means, np.full((200, 1), 0.5))).styles
+    >>> z = AnyStyle(styles[1:]).sample(1000, np.random.default_rng(0))  # of the two less frequent ones
+    >>> round(float((z < -5).mean()), 1), bool((z < 5).all())
+    (0.6, True)
+    """
+
+    styles: Sequence[Style]
+
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """(count, Z)"""
+        weights = np.array([style.weight for style in self.styles])
+        which = rng.choice(len(self.styles), count, p=weights / weights.sum())
+        drawn = np.stack([style.sample(count, rng) for style in self.styles])
+        z: FloatArray = drawn[which, np.arange(count)]
+        return z
+
+
+def one_of(styles: Sequence[Style]) -> Style | AnyStyle:
+    """The only one of these styles, or any of several."""
+    return styles[0] if len(styles) == 1 else AnyStyle(styles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -57,6 +57,16 @@ class Findings:
                 return style
         there = ", ".join(f"{style.index} ({self.name(style)})" for style in self.playstyles.styles)
         raise TvaeError(f"there is no style {name!r}; there are: {there}")
+
+    def several(self, names: Sequence[str]) -> tuple[Style, ...]:
+        """The styles of these numbers, names or labels, each once, the most frequent first.
+
+        >>> found = Findings(Playstyles.from_pretrained("zombie"), {0: "attack"}, {})
+        >>> [style.index for style in found.several(["style 1", "attack", "0"])]
+        [0, 1]
+        """
+        indices = {self.style(name).index for name in names}
+        return tuple(style for style in self.playstyles.styles if style.index in indices)
 
     def _called(self, style: Style) -> set[str]:
         return {str(style.index), style.name, self.key(style), self.name(style)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.evaluate.encoding import encode
+from tvae.evaluate.styles import one_of
 from tvae.experiments.analysis import likelihood_per_step, styles_table, write_table
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
@@ -60,32 +61,32 @@ def open_run(path: Path, device: str) -> FinishedRun:
 
 def act(
     run: FinishedRun,
-    style: str,
+    styles: Sequence[str],
     arena: Arena,
     bot: Callable[[LatentSource], Policy],
     *,
     seed: int,
     console: Console,
 ) -> Demonstrations:
-    """Episodes in `arena` of the bot that gets z from a style."""
-    latents = run.findings.style(style)
+    """Episodes in `arena` of the bot that gets z from a style; of several, each episode from one of them."""
+    latents = one_of(run.findings.several(styles))
     with counting("episodes", arena.episodes, console) as done:
         return bot_episodes(run.model, partial(bot, latents), arena, seed=seed, on_step=done)
 
 
 def imagine_style(
-    run: FinishedRun, style: str, num_episodes: int, *, choice: Choice, window: int | None, seed: int
+    run: FinishedRun, styles: Sequence[str], num_episodes: int, *, choice: Choice, window: int | None, seed: int
 ) -> Demonstrations:
-    """Episodes of a style that the decoders imagine, from first observations of its demonstrations."""
+    """Episodes of a style, or of several, that the decoders imagine, from first observations of its demonstrations."""
     demonstrations = run.about.source.load()
-    chosen = run.findings.style(style)
+    chosen = run.findings.several(styles)
     rng = np.random.default_rng(seed)
-    members = np.flatnonzero(run.findings.playstyles.assignment == chosen.index)
+    members = np.flatnonzero(np.isin(run.findings.playstyles.assignment, [style.index for style in chosen]))
     starts = demonstrations.observation_starts[rng.choice(members, num_episodes)]
     return imagine(
         run.model,
         demonstrations.observations[starts],
-        chosen.sample(num_episodes, rng),
+        one_of(chosen).sample(num_episodes, rng),
         num_steps=int(demonstrations.lengths.max()),
         choice=choice,
         window=window,

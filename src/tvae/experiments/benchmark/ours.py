@@ -9,12 +9,9 @@ trained again.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.descending import num_parameters
@@ -22,7 +19,7 @@ from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.playstyles import find_playstyles, match
-from tvae.evaluate.styles import Playstyles, Style
+from tvae.evaluate.styles import AnyStyle, Playstyles, Style, one_of
 from tvae.experiments.analysis import names_of
 from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import trained
@@ -30,8 +27,6 @@ from tvae.experiments.reproduction.cells import Cell, CellError, Effort
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
 from tvae.generate.closed_loop import LatentPolicy
-from tvae.model.decoding import LatentSource
-from tvae.spaces import FloatArray
 from tvae.train.observer import Observer
 
 
@@ -101,23 +96,3 @@ def styles_by_label(playstyles: Playstyles, demonstrations: Demonstrations) -> d
         if (labels[playstyles.assignment == style.index] == label).mean() > 0.5:
             found.setdefault(label, []).append(style)
     return found
-
-
-def one_of(styles: Sequence[Style]) -> LatentSource:
-    """The only one of these styles, or any of several."""
-    return styles[0] if len(styles) == 1 else AnyStyle(styles)
-
-
-@dataclass(frozen=True, eq=False)
-class AnyStyle:
-    """z of one of these styles, drawn by their weights for each episode."""
-
-    styles: Sequence[Style]
-
-    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """(count, Z)"""
-        weights = np.array([style.weight for style in self.styles])
-        which = rng.choice(len(self.styles), count, p=weights / weights.sum())
-        drawn = np.stack([style.sample(count, rng) for style in self.styles])
-        z: FloatArray = drawn[which, np.arange(count)]
-        return z
