@@ -211,11 +211,13 @@ def test_a_failing_cell_says_which_it_is(plan: Plan, monkeypatch: pytest.MonkeyP
 
 def test_the_figure_shows_every_method_and_its_interval():
     bars = [Bar("walk", 0.0, None), Bar("ours", 0.9, (0.8, 1.2))]
-    figure = benchmark_figure({"a": bars, "b": bars, "c": bars[:1]}, caption="open: one seed")
-    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 1]
-    one_seed, several = figure.axes[0].lines
+    figure = benchmark_figure([{"a": bars[:1]}, {"b": bars, "c": bars}], caption="open: one seed")
+    assert [len(axes.lines) for axes in figure.axes] == [1, 2, 2]
+    assert [axes.get_subplotspec().rowspan.start for axes in figure.axes] == [0, 1, 1]
+    one_seed, several = figure.axes[1].lines
     assert one_seed.get_markerfacecolor() != one_seed.get_color()
     assert several.get_markerfacecolor() == several.get_color()
     assert figure.get_supxlabel() == "open: one seed"
-    with pytest.raises(ValueError, match="at least one panel"):
-        benchmark_figure({})
+    for nothing in ([], [{}]):
+        with pytest.raises(ValueError, match="at least one panel"):
+            benchmark_figure(nothing)

@@ -21,20 +21,22 @@ class Bar:
     interval: Sequence[float] | None
 
 
-def benchmark_figure(panels: Mapping[str, Sequence[Bar]], *, caption: str = "") -> Figure:
-    """Two panels a row, all between 0 and 1, the methods from top to bottom; a caption below.
+def benchmark_figure(rows: Sequence[Mapping[str, Sequence[Bar]]], *, caption: str = "") -> Figure:
+    """A row of panels for each task, all between 0 and 1, the methods from top to bottom; a caption below.
 
-    >>> figure = benchmark_figure({"Zombie: worst success": [Bar("walk", 0.0, None), Bar("T-VAE", 0.99, (0.98, 1.0))]})
+    >>> figure = benchmark_figure([{"Zombie: success": [Bar("walk", 0.0, None), Bar("T-VAE", 0.99, (0.98, 1.0))]}])
     >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
     ['walk', 'T-VAE']
     """
-    if not panels:
-        raise ValueError("a figure needs at least one panel, got none")
-    rows = (len(panels) + 1) // 2
-    most = max(len(bars) for bars in panels.values())
-    figure = new_figure(8.4, rows * (0.7 + 0.21 * most))
-    for index, (title, bars) in enumerate(panels.items()):
-        axes = plain_axes(figure.add_subplot(rows, 2, index + 1), title=title)
+    if not all(rows) or not rows:
+        raise ValueError("a figure needs at least one panel in each of one or more rows, got none")
+    heights = [0.7 + 0.21 * max(len(bars) for bars in row.values()) for row in rows]
+    columns = max(len(row) for row in rows)
+    figure = new_figure(4.2 * columns, sum(heights))
+    grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
+    placed = [(grid[i, j], *panel) for i, row in enumerate(rows) for j, panel in enumerate(row.items())]
+    for place_of_panel, title, bars in placed:
+        axes = plain_axes(figure.add_subplot(place_of_panel), title=title)
         places = np.arange(len(bars))
         axes.hlines(places, 0, 1, color=RULE, linewidth=0.6)
         for place, bar in zip(places.tolist(), bars, strict=True):

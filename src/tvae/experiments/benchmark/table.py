@@ -147,18 +147,20 @@ def title(method: str, summary: Mapping[str, Any]) -> str:
     return f"{METHODS[method].title}{'' if asked is None or asked['mean'] else ' †'}"
 
 
-def panels(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, list[Bar]]:
-    """What the figure shows of summaries: a panel for each task and number, a bar for each method that has it."""
-    return {
-        f"{TITLES[task]}: {'worst success' if name == 'worst_success' else head}": [
-            Bar(title(method, numbers), numbers[name]["mean"], numbers[name]["ci95"])
-            for method, numbers in methods.items()
-            if name in numbers
-        ]
+def panels(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[dict[str, list[Bar]]]:
+    """What the figure shows of summaries: a row for each task, a panel for each number, a bar for each method."""
+    return [
+        {
+            f"{TITLES[task]}: {'worst success' if name == 'worst_success' else head}": [
+                Bar(title(method, numbers), numbers[name]["mean"], numbers[name]["ci95"])
+                for method, numbers in methods.items()
+                if name in numbers
+            ]
+            for head, name, _ in COLUMNS[task]
+            if name in _SHOWN
+        }
         for task, methods in found.items()
-        for head, name, _ in COLUMNS[task]
-        if name in _SHOWN
-    }
+    ]
 
 
 def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:
