@@ -19,7 +19,10 @@ from sklearn.mixture import GaussianMixture
 from tvae.spaces import FloatArray, IntArray
 
 _MOST_COMPONENTS = 15
-_RESTARTS = 2
+_STARTED_POINTS = 1_000
+_FEWEST_STARTS = 2
+_MOST_STARTS = 10
+"""A mixture is fitted from 1,000 / N starts, 2 at least and 10 at most: few points hold many ways to fit them badly."""
 _PATIENCE = 3
 """How many component counts in a row may fail to improve BIC before the search ends."""
 _VERY_STRONG = 10.0
@@ -117,7 +120,7 @@ def plausible_mixtures(points: FloatArray, *, floor: float, seed: int = 0) -> li
     """The Gaussian mixtures of `points` (N, D) that are about as good as the best by BIC, best first, at most 6.
 
     Searched are full, shared, diagonal and spherical covariances, each with 1, 2, ... components until BIC has
-    risen three times in a row, from several starts each. `floor` is added to every variance.
+    risen three times in a row; the likeliest of several starts counts. `floor` is added to every variance.
 
     BIC = -2 log-likelihood + parameters ln N. About as good means within 10 + 0.02 N: 10 is very strong evidence
     (Kass and Raftery, "Bayes factors", 1995), 0.01 nats a point no practical difference.
@@ -138,21 +141,25 @@ def _fits(points: FloatArray, kind: str, floor: float, seed: int) -> Iterator[tu
     """BIC and components for 1, 2, ... components of one kind of covariance; a fit that diverges is left out."""
     distinct = len(np.unique(points, axis=0))
     most = min(_MOST_COMPONENTS, len(points) // _POINTS_PER_COMPONENT, distinct)
+    starts = min(max(_STARTED_POINTS // len(points), _FEWEST_STARTS), _MOST_STARTS)
     best, stale = math.inf, 0
     for count in range(1, max(most, 1) + 1):
-        scores = []
-        for start in range(1 if count == 1 else _RESTARTS):
-            mixture = GaussianMixture(
-                count, covariance_type=kind, reg_covar=floor, max_iter=500, random_state=seed + start
-            )
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConvergenceWarning)  # `converged_` is looked at instead
-                mixture.fit(points)
-            if mixture.converged_:
-                scores.append(float(mixture.bic(points)))
-                yield scores[-1], _components(mixture)
-        stale = 0 if min(scores, default=math.inf) < best else stale + 1
-        best = min([best, *scores])
+        mixture = GaussianMixture(
+            count,
+            covariance_type=kind,
+            reg_covar=floor,
+            max_iter=500,
+            n_init=1 if count == 1 else starts,
+            random_state=seed,
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # `converged_` is looked at instead
+            mixture.fit(points)
+        score = float(mixture.bic(points)) if mixture.converged_ else math.inf
+        if mixture.converged_:
+            yield score, _components(mixture)
+        stale = 0 if score < best else stale + 1
+        best = min(best, score)
         if stale == _PATIENCE:
             break
 
