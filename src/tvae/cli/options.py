@@ -37,6 +37,7 @@ Styles = Annotated[
     Parameter(
         name="--style",
         negative="",
+        show_default=" ".join,
         help="Number of the style, its name, or its label where the data had labels. "
         "Given several times: each episode is of one of them, drawn by their shares.",
     ),
