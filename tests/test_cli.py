@@ -24,8 +24,11 @@ import tvae
 from commands import call, refused
 from tvae.cli.options import CONSOLE
 from tvae.data.batches import suitable_batch_size
+from tvae.envs.navigation import navigation_demonstrations
 from tvae.envs.zombie import zombie_demonstrations
 from tvae.evaluate.encoding import Posteriors
+from tvae.evaluate.styles import Playstyles
+from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import about_run, split
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Reading, Source
@@ -228,6 +231,51 @@ def test_a_style_has_the_name_that_it_was_given(run: Path, tmp_path: Path, capsy
     assert json.loads((mine / "playstyles.json").read_text())["names"] == {"0": "<campers>"}
     call("fit", "--resume", "--out", mine, "--device", "cpu")
     assert json.loads((mine / "playstyles.json").read_text())["names"] == {"0": "<campers>"}
+
+
+def test_styles_can_be_joined_and_parted_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walks, run, labelled = tmp_path / "walks.parquet", tmp_path / "run", tmp_path / "labelled.parquet"
+    tvae.save_demonstrations(navigation_demonstrations(60), walks)
+    small = ["--training.num-steps", "50", "--model.hidden-features", "16", "--policy.num-steps", "0"]
+    call("fit", walks, "--out", run, "--device", "cpu", "--env", "tvae/Navigation-v0", "--episodes", "4", *small)
+    found = Playstyles.load(run)
+    assert len(found) == 3
+    assert found.parts == ((0,), (1,), (2,))
+    call("styles", run, "--rename", "1=others", "0=first")
+    before = json.loads((run / "metrics.json").read_text())
+
+    call("styles", run, "--join", "0", "2", "--data", walks, "--out", labelled)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "2 styles (67 %, 33 % of the episodes), joined from 3" in said
+    assert "others: 33% of the sessions" in said
+    joined = Findings.from_json(json.loads((run / "playstyles.json").read_text()))
+    assert joined.playstyles.parts == ((0, 2), (1,))
+    assert joined.names == {1: "others"}
+    assert (joined.playstyles.assignment == (found.assignment == 1)).all()
+    for table in (labelled, run / "styles.parquet"):
+        assert (pq.read_table(table)["style"].to_numpy() == joined.playstyles.assignment).all()
+    assert sorted(path.name for path in (run / "rollouts").iterdir()) == ["style-0.parquet", "style-1.parquet"]
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert metrics.keys() - before.keys() == {"leakage"}  # 20 episodes were too few for it, 40 are not
+    keys = {joined.key(style) for style in joined.playstyles.styles}
+    assert metrics["style_consistency"].keys() == metrics["playstyles"]["shares"].keys() == keys
+    assert metrics["ci95"]["style_consistency"].keys() == keys
+    assert "others" in (run / "report.html").read_text()
+    assert "joined from 3" in (run / "report.html").read_text()
+
+    call("fit", "--resume", "--out", run, "--device", "cpu")
+    assert Findings.from_json(json.loads((run / "playstyles.json").read_text())).names == {1: "others"}
+    assert Playstyles.load(run).parts == ((0, 2), (1,))
+    assert "give it or --join" in refused(capsys, "styles", run, "--join", "0", "1", "--as-found")
+    call("styles", run, "--as-found")
+    assert (Playstyles.load(run).assignment == found.assignment).all()
+    assert json.loads((run / "metrics.json").read_text()).keys() == before.keys()
+
+    other = json.loads((run / "playstyles.json").read_text())
+    other["playstyles"]["assignment"][0] += 1
+    (run / "playstyles.json").write_text(json.dumps(other))
+    assert "holds other styles than are found here" in refused(capsys, "styles", run, "--join", "0", "1")
+    assert json.loads((run / "playstyles.json").read_text()) == other
 
 
 def test_evaluate_compares_with_the_model_without_a_latent(run: Path, tmp_path: Path) -> None:

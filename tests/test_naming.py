@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tvae.errors import TvaeError
 from tvae.evaluate.encoding import Posteriors
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.experiments.findings import Findings
+from tvae.experiments.joining import groups_with
 from tvae.experiments.naming import names_in
 
 
@@ -90,3 +92,15 @@ def test_metrics_are_shown_by_name(findings: Findings) -> None:
     assert {key: shown[key] for key in ("nats_per_trajectory", "attack", "warnings", "nothing")} == {
         key: metrics[key] for key in ("nats_per_trajectory", "attack", "warnings", "nothing")
     }
+
+
+def test_styles_to_join_are_told_by_number_name_or_label(findings: Findings) -> None:
+    named = findings.renamed({2: "runners"})
+    assert groups_with(["runners", "avoid"], named) == [(1, 2)]
+    parts = ((0, 3), (1, 4), (2,))
+    before = replace(named, playstyles=replace(named.playstyles, parts=parts))
+    assert groups_with(["0", "runners"], before) == [(0, 2, 3), (1, 4)]
+    with pytest.raises(TvaeError, match="--join needs two styles or more, such as --join 0 2, got 1 avoid"):
+        groups_with(["1", "avoid"], named)
+    with pytest.raises(TvaeError, match="there is no style '7'"):
+        groups_with(["0", "7"], named)

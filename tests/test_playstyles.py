@@ -9,7 +9,7 @@ import pytest
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import Trajectory
 from tvae.evaluate.encoding import Posteriors, encode
-from tvae.evaluate.playstyles import discover, find_playstyles, label_agreement, match
+from tvae.evaluate.playstyles import discover, find_playstyles, join, label_agreement, match
 from tvae.evaluate.styles import Playstyles
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import Continuous, Space
@@ -281,3 +281,37 @@ def test_a_style_is_matched_to_the_label_of_the_majority():
     assignment, labels = np.array([0, 0, 0, 1, 1]), np.array(["avoid", "avoid", "attack", "attack", "attack"])
     assert match(assignment, labels) == {0: "avoid", 1: "attack"}
     assert label_agreement(assignment, labels) < 1
+
+
+def test_joined_styles_share_their_parts():
+    random = np.random.default_rng(0)
+    middles = np.repeat([[-4.0, 0.0], [0.0, 0.0], [4.0, 0.0], [0.0, 5.0]], (80, 60, 40, 20), axis=0)
+    posteriors = Posteriors(middles + 0.3 * random.normal(size=(200, 2)), np.full((200, 2), 0.3))
+    found = find_playstyles(posteriors)
+    assert len(found) == 4
+    both = join(found, posteriors, [[1, 2]])
+    assert both.parts == ((1, 2), (0,), (3,))
+    assert [style.weight for style in both.styles] == pytest.approx([0.5, 0.4, 0.1])
+    assert both.assignment.tolist() == [1] * 80 + [0] * 100 + [2] * 20
+    assert both.confusion.sum(1) == pytest.approx(np.ones(3))
+    drawn = both.styles[0].sample(4_000, random)
+    assert drawn.mean(0) == pytest.approx(posteriors.means[80:180].mean(0), abs=0.1)
+    assert (drawn[:, 0] > 2).mean() == pytest.approx(0.4, abs=0.03)
+    assert len(both.styles[0].components) == sum(len(found.styles[part].components) for part in (1, 2))
+    asked = Posteriors(np.array([[0.1, 0.1], [4.1, 0.0], [-4.0, 0.2]]), np.full((3, 2), 0.3))
+    assert both.assign(asked)[0].tolist() == [0, 0, 1]
+    assert set(both.styles[0].prototypes) <= set(range(80, 180))
+    again = Playstyles.from_json(json.loads(json.dumps(both.to_json())))
+    assert again.parts == both.parts
+    everything = join(found, posteriors, [[3, 0, 1, 2]])
+    assert everything.parts == ((0, 1, 2, 3),)
+    assert everything.verdict == "one style, joined from 4."
+    for groups in ([[0, 4]], [[0, 1], [1, 2]], [[-1, 0]]):
+        with pytest.raises(ValueError, match="groups must name styles 0 to 3, each once at most"):
+            join(found, posteriors, groups)
+
+
+def test_playstyles_of_before_were_not_joined():
+    data = Playstyles.from_pretrained("navigation").to_json()
+    del data["parts"]
+    assert Playstyles.from_json(data).parts == ((0,), (1,), (2,))

@@ -13,6 +13,8 @@ their middles are two posterior scales apart, although they tell which is which 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from sklearn.metrics import adjusted_rand_score
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.evaluate.encoding import Posteriors, encode
-from tvae.evaluate.mixtures import Components, assign
+from tvae.evaluate.mixtures import Components, assign, joined
 from tvae.evaluate.separation import FEWEST_POINTS, Separation, everything, separate
 from tvae.evaluate.styles import Playstyles, Style
 from tvae.model.tvae import TrajectoryVAE
@@ -83,6 +85,49 @@ def find_playstyles(posteriors: Posteriors, *, seed: int = 0) -> Playstyles:
         separation = separate(points, samples, seed=seed)
         reason = _reason(separation)
     clusters = [cluster.scaled(units[active]) for cluster in separation.clusters]
+    styles, assignment, probability, order = _styles(clusters, posteriors, active, rng)
+    confusion = separation.confusion[np.ix_(order, order)]
+    verdict = _verdict(styles, confusion, reason, nats)
+    parts = tuple((style.index,) for style in styles)
+    return Playstyles(styles, assignment, probability, verdict, tuple(active.tolist()), confusion, parts)
+
+
+def join(found: Playstyles, posteriors: Posteriors, groups: Sequence[Sequence[int]], *, seed: int = 0) -> Playstyles:
+    """The same with some styles made one: those of each group, by their numbers; a style in no group stays.
+
+    `found` are playstyles in which none was joined yet, and `posteriors` those of its episodes. A joined style has the
+    components of all its parts, so that p(style | mu) is the sum of theirs; `Playstyles.parts` says which they are.
+
+    Raises `ValueError` for a style that is not there, or that is named twice.
+
+    >>> rng = np.random.default_rng(0)
+    >>> means = np.repeat([[-4.0], [0.0], [4.0]], (100, 60, 40), axis=0) + 0.2 * rng.standard_normal((200, 1))
+    >>> posteriors = Posteriors(means, np.full((200, 1), 0.2))
+    >>> join(find_playstyles(posteriors), posteriors, [[0, 2]]).verdict
+    '2 styles (70 %, 30 % of the episodes), joined from 3. A sample of z tells its style in 100 % of the cases.'
+    """
+    named = [style for group in groups for style in group]
+    if len(set(named)) < len(named) or not set(named) <= set(range(len(found))):
+        raise ValueError(f"groups must name styles 0 to {len(found) - 1}, each once at most, got {list(groups)}")
+    parts = [sorted(group) for group in groups] + [[style] for style in range(len(found)) if style not in named]
+    clusters = [reduce(joined, (found.styles[part].components for part in group)) for group in parts]
+    active = np.array(found.active, dtype=np.int64)
+    styles, assignment, probability, order = _styles(clusters, posteriors, active, np.random.default_rng(seed))
+    parts = [parts[group] for group in order]
+    shares = np.array([style.weight for style in found.styles])
+    of_group = np.array([np.isin(range(len(found)), group) for group in parts])
+    told = (of_group * shares) @ found.confusion @ of_group.T / (of_group @ shares)[:, None]
+    verdict = _joined_verdict(styles, told, len(found))
+    return Playstyles(
+        styles, assignment, probability, verdict, found.active, told, tuple(tuple(group) for group in parts)
+    )
+
+
+def _styles(
+    clusters: Sequence[Components], posteriors: Posteriors, active: IntArray, rng: np.random.Generator
+) -> tuple[tuple[Style, ...], IntArray, FloatArray, IntArray]:
+    """Styles of these clusters, the most frequent one first; (N,) the style of each episode and its posterior
+    probability; and (K,) the cluster of each style."""
     assignment, probability = assign(clusters, posteriors.means[:, active])
     order = np.argsort(-np.bincount(assignment, minlength=len(clusters)), kind="stable")
     assignment = np.argsort(order)[assignment]
@@ -90,9 +135,7 @@ def find_playstyles(posteriors: Posteriors, *, seed: int = 0) -> Playstyles:
         _style(index, clusters[cluster], posteriors, np.flatnonzero(assignment == index), rng)
         for index, cluster in enumerate(order)
     )
-    confusion = separation.confusion[np.ix_(order, order)]
-    verdict = _verdict(styles, confusion, reason, nats)
-    return Playstyles(styles, assignment, probability, verdict, tuple(active.tolist()), confusion)
+    return styles, assignment, probability, order
 
 
 def _reason(separation: Separation) -> str:
@@ -107,14 +150,25 @@ def _reason(separation: Separation) -> str:
 
 def _verdict(styles: tuple[Style, ...], confusion: FloatArray, reason: str, nats: float) -> str:
     if len(styles) > 1:
-        shares = ", ".join(_percent(style.weight) for style in styles)
-        told = _percent(float(np.diag(confusion).mean()))
-        found = f"{len(styles)} styles ({shares} of the episodes). "
-        found += f"A sample of z tells its style in {told} of the cases."
+        found = f"{_counted(styles)}. {_told(confusion)}"
         return f"{found} Some were joined: {reason}" if reason else found
     if reason:
         return f"{NOT_DISTINGUISHABLE}: {reason}"
     return f"one style: the latent holds about {nats:.1f} nats of an episode, but its values form a single cluster."
+
+
+def _joined_verdict(styles: tuple[Style, ...], confusion: FloatArray, num_found: int) -> str:
+    if len(styles) == 1:
+        return f"one style, joined from {num_found}."
+    return f"{_counted(styles)}, joined from {num_found}. {_told(confusion)}"
+
+
+def _counted(styles: tuple[Style, ...]) -> str:
+    return f"{len(styles)} styles ({', '.join(_percent(style.weight) for style in styles)} of the episodes)"
+
+
+def _told(confusion: FloatArray) -> str:
+    return f"A sample of z tells its style in {_percent(float(np.diag(confusion).mean()))} of the cases."
 
 
 def _percent(share: float) -> str:

@@ -95,6 +95,8 @@ class Playstyles:
     """Latent features that tell episodes apart."""
     confusion: FloatArray
     """(K, K) row: of the samples z ~ q(z | tau) of a style's episodes, the share told as each style."""
+    parts: tuple[tuple[int, ...], ...]
+    """Numbers of the found styles that each style is: its own, or several where it was joined from them."""
 
     def __len__(self) -> int:
         return len(self.styles)
@@ -115,6 +117,7 @@ class Playstyles:
             "verdict": self.verdict,
             "active": list(self.active),
             "confusion": self.confusion.tolist(),
+            "parts": [list(found) for found in self.parts],
             "assignment": self.assignment.tolist(),
             "probability": self.probability.tolist(),
             "styles": [_style_to_json(style) for style in self.styles],
@@ -129,6 +132,7 @@ class Playstyles:
                 f"got {data.get('format')!r}, version {data.get('schema_version')!r}"
             )
         active = tuple(int(feature) for feature in data["active"])
+        alone = [[index] for index in range(len(data["styles"]))]
         return cls(
             tuple(_style_from_json(style, len(active)) for style in data["styles"]),
             np.array(data["assignment"], dtype=np.int64),
@@ -136,6 +140,7 @@ class Playstyles:
             str(data["verdict"]),
             active,
             np.array(data["confusion"], dtype=np.float64),
+            tuple(tuple(int(part) for part in parts) for parts in data.get("parts", alone)),
         )
 
     @classmethod

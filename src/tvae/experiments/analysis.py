@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,11 @@ from rich.console import Console
 
 from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
+from tvae.errors import TvaeError
 from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.leakage import FEWEST_EPISODES, leakage
 from tvae.evaluate.likelihood import importance_weighted_bound
-from tvae.evaluate.playstyles import find_playstyles, label_agreement, match
+from tvae.evaluate.playstyles import find_playstyles, join, label_agreement, match
 from tvae.evaluate.styles import Playstyles
 from tvae.evaluate.words import describe
 from tvae.experiments.findings import Findings
@@ -36,17 +37,31 @@ _MOST_TOLD = 20_000
 
 
 def analyse(
-    run: RunDirectory, model: TrajectoryVAE, demonstrations: Demonstrations, config: RunConfig, *, console: Console
+    run: RunDirectory,
+    model: TrajectoryVAE,
+    demonstrations: Demonstrations,
+    config: RunConfig,
+    *,
+    joined: Sequence[Sequence[int]] | None = None,
+    console: Console,
 ) -> Findings:
     """Find and describe the styles of all demonstrations; writes `playstyles.json`, `styles.parquet`, metrics.
 
-    Training never sees the attribute `label`; where it is there, it names the styles and judges them.
+    Found styles that a group of `joined` names are made one; None for those that the run has joined already. Training
+    never sees the attribute `label`; where it is there, it names the styles and judges them. Raises `TvaeError` where
+    styles are to be joined that are not found again, as on another machine may be.
     """
     posteriors = encode(model, demonstrations)
-    playstyles = find_playstyles(posteriors, seed=config.seed)
+    found = find_playstyles(posteriors, seed=config.seed)
+    before = _before(run, found, posteriors)
+    if joined and before is None:
+        again = f"tvae fit --resume --out {run.path}"
+        raise TvaeError(f"{run.path} holds other styles than are found here; find them anew: {again}")
+    groups = _joined(before) if joined is None else joined
+    playstyles = join(found, posteriors, groups, seed=config.seed) if groups else found
     labels = names_of(playstyles, demonstrations)
     words = describe(demonstrations, playstyles.assignment)
-    findings = Findings(playstyles, labels, words, _names_kept(run, playstyles))
+    findings = Findings(playstyles, labels, words, _names_kept(before, playstyles))
     likelihood = likelihood_per_step(model, demonstrations, seed=config.seed, console=console)
     table = styles_table(
         demonstrations, posteriors, playstyles.assignment, playstyles.probability, likelihood=likelihood
@@ -54,21 +69,33 @@ def analyse(
     write_table(table, run.styles, overwrite=True)
     write_json(run.playstyles, findings.to_json())
     held = _latent(model, posteriors, playstyles, demonstrations, config.seed)
-    update_metrics(run, {"playstyles": _metrics(findings, demonstrations), **held})
-    console.print(playstyles.verdict, highlight=False)
-    for style in playstyles.styles:
-        console.print(f"{findings.title(style)}: {'; '.join(words[style.index])}", markup=False, highlight=False)
-    if findings.explanation:
-        console.print(findings.explanation, highlight=False)
+    update_metrics(run, {"playstyles": _metrics(findings, demonstrations), **held}, dropping=["leakage"])
     return findings
 
 
-def _names_kept(run: RunDirectory, playstyles: Playstyles) -> Mapping[int, str]:
-    """The user's names from an earlier analysis of the run, where it found the same styles."""
+def _before(run: RunDirectory, found: Playstyles, posteriors: Posteriors) -> Findings | None:
+    """What an earlier analysis of the run left, where it found the same styles."""
     if not run.playstyles.exists():
-        return {}
+        return None
     before = Findings.from_json(read_json(run.playstyles))
-    return before.names if np.array_equal(before.playstyles.assignment, playstyles.assignment) else {}
+    groups = _joined(before)
+    if max((part for group in groups for part in group), default=0) >= len(found):
+        return None
+    again = join(found, posteriors, groups) if groups else found
+    return before if np.array_equal(before.playstyles.assignment, again.assignment) else None
+
+
+def _joined(findings: Findings | None) -> list[tuple[int, ...]]:
+    """The groups of found styles that are one."""
+    return [] if findings is None else [parts for parts in findings.playstyles.parts if len(parts) > 1]
+
+
+def _names_kept(before: Findings | None, playstyles: Playstyles) -> Mapping[int, str]:
+    """The user's names of the styles that are of the same parts as before."""
+    if before is None:
+        return {}
+    names = {before.playstyles.parts[index]: name for index, name in before.names.items()}
+    return {index: names[parts] for index, parts in enumerate(playstyles.parts) if parts in names}
 
 
 def likelihood_per_step(

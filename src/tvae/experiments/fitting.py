@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -207,9 +207,9 @@ def history(run: RunDirectory) -> tuple[Record, ...]:
     )
 
 
-def update_metrics(run: RunDirectory, new: Mapping[str, Any]) -> dict[str, Any]:
-    """Add to `metrics.json`, replacing what has the same name; returns all of it."""
-    metrics: dict[str, Any] = read_json(run.metrics) if run.metrics.exists() else {}
-    metrics |= new
+def update_metrics(run: RunDirectory, new: Mapping[str, Any], *, dropping: Collection[str] = ()) -> dict[str, Any]:
+    """Add to `metrics.json`, replacing what has the same name, without what is dropped; returns all of it."""
+    before: dict[str, Any] = read_json(run.metrics) if run.metrics.exists() else {}
+    metrics = {**{name: value for name, value in before.items() if name not in dropping}, **new}
     write_json(run.metrics, metrics)
     return metrics

@@ -19,6 +19,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import check_arena, try_bots
+from tvae.experiments.findings import Findings
 from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
 from tvae.experiments.parallel import named_again
 from tvae.experiments.recipe import Recipe
@@ -106,7 +107,17 @@ def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[
         console.print(about.source.reading.left_over, highlight=False)
     model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)
     findings = analyse(run, model, demonstrations, about.config, console=console)
+    _say(findings, console)
     if about.arena is not None:
         try_bots(run, model, findings, about.arena, seed=about.config.seed, console=console)
     write_report(run, demonstrations)
     console.print(f"report: {run.report}")
+
+
+def _say(findings: Findings, console: Console) -> None:
+    console.print(findings.playstyles.verdict, highlight=False)
+    for style in findings.playstyles.styles:
+        words = "; ".join(findings.words[style.index])
+        console.print(f"{findings.title(style)}: {words}", markup=False, highlight=False)
+    if findings.explanation:
+        console.print(findings.explanation, highlight=False)
