@@ -35,7 +35,7 @@ _VERBS = (
     (
         app,
         "styles",
-        "Say in words which styles a run found; label other sessions.",
+        "Say in words which styles a run found; join or name them; label other sessions.",
         "tvae styles runs/sessions --data new.parquet --out labels.parquet",
     ),
     (

@@ -29,7 +29,7 @@ def styles(
     device: Device = "auto",
     force: Force = False,
 ) -> None:
-    """Say in words which styles a run found; join or name them; with --data, label other sessions.
+    """Say in words which styles a run found; join or name them; label other sessions.
 
     Parameters
     ----------
