@@ -35,6 +35,14 @@ def test_proportions_of_positive_signals_alone():
     assert fitted()(torch.tensor([[0.0, -1.0, 3.0, 0.0, 0.0]])).isfinite().all()
 
 
+def test_a_positive_signal_that_reaches_zero_counts_as_little_less_than_its_least():
+    perception = fitted()
+    for value in (0.0, -0.25, 1e-6):  # the range of the logarithm is log 16, of which a tenth is log 1.32
+        near = perception(perception.within(torch.tensor([[0.0, value, 0.0, 0.0, 1.0]])))
+        torch.testing.assert_close(near, perception(torch.tensor([[0.0, 0.5 / 16**0.1, 0.0, 0.0, 1.0]])))
+    assert (perception(torch.from_numpy(ROWS[:1]).float())[:, 0] > near[:, 0]).all()
+
+
 def test_relative_directions_do_not_know_where_north_is():
     row = torch.from_numpy(ROWS[:1]).float()
     turned = row + torch.tensor([[0.7, 0.0, 0.0, 0.7, 0.0]])

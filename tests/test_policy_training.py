@@ -15,12 +15,15 @@ from tvae.config import ModelConfig, PolicyConfig, RunConfig, TrainingConfig
 from tvae.data.arrays import from_arrays
 from tvae.data.batches import batch_of
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.trajectory import Trajectory
 from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.experiments.fitting import trained
+from tvae.generate.closed_loop import LatentPolicy
 from tvae.model.decoding import Fixed
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import drawn, whole
+from tvae.spaces import Binary, Continuous, Space
 from tvae.train.latents import OfStyles
 from tvae.train.loop import TrainingError
 from tvae.train.observer import Observer
@@ -140,6 +143,37 @@ def test_a_model_without_windows_learns_from_whole_episodes(walks: Demonstration
     lessons = Lessons(walks, OfStyles(SIDES, ways(walks)))
     train_policy(model, lessons, num_steps=100, batch_size=64, learning_rate=0.02, on_step=told.__setitem__)
     assert told[100] > told[1] + 0.3
+
+
+@pytest.mark.parametrize("window", [None, 3])
+def test_each_step_of_the_demonstrations_and_each_episode_s_events_count_once(window: int | None):
+    press, x = Space((Continuous("u"), Binary("press"))), Space((Continuous("x"),))
+    random = np.random.default_rng(0)
+
+    def episode(length: int, force: float, pressed: bool) -> Trajectory:
+        actions = np.column_stack([force + 0.1 * random.normal(size=length), np.zeros(length)])
+        actions[random.integers(length), 1] = pressed
+        return Trajectory(np.zeros((length + 1, 1)), actions)
+
+    episodes = [episode(40, 1.0, True) for _ in range(10)] + [episode(4, -1.0, False) for _ in range(30)]
+    walks = Demonstrations.from_trajectories(episodes, x, press)
+    model = untrained(walks, latent_features=0, window=window)
+    lessons = Lessons(walks, OfStyles([Fixed(np.zeros(0))], np.zeros(40, dtype=np.int64)))
+    train_policy(model, lessons, num_steps=400, batch_size=256, learning_rate=0.02, weight_decay=0.0)
+    with torch.no_grad():
+        assert model.events.probability(torch.zeros(1, 0)).item() == pytest.approx(0.25, abs=0.05)
+    if window is None:  # one that is bounded does not tell how long an episode has lasted
+        bot = LatentPolicy(model, Fixed(np.zeros(0)))
+        bot.reset(4_000, 0)
+        assert (bot.act(np.zeros((4_000, 1)))[:, 0] > 0).mean() == pytest.approx(0.25, abs=0.1)
+
+
+def test_held_out_actions_that_cannot_be_are_an_error_in_words(walks: Demonstrations):
+    actions = walks.actions.copy()
+    actions[3] = np.finfo(np.float32).max
+    held_out = Lessons(replace(walks, actions=actions), OfStyles(SIDES, ways(walks)))
+    with pytest.raises(TrainingError, match="the log-likelihood of a held-out episode's actions is -inf"):
+        train_policy(untrained(walks), Lessons(walks, OfStyles(SIDES, ways(walks))), held_out, num_steps=5)
 
 
 def test_of_what_was_learnt_what_makes_held_out_actions_most_likely_is_kept(walks: Demonstrations):

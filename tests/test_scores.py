@@ -18,8 +18,9 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.distributions import Columns, Joint, Mixture
 from tvae.evaluate.encoding import Posteriors, encode
-from tvae.evaluate.scores import score, share_as_unlikely
+from tvae.evaluate.scores import Scores, score, share_as_unlikely
 from tvae.evaluate.similarity import distances, nearest, overlap
+from tvae.evaluate.unlikeness import unlike_places
 from tvae.model.elbo import policy_log_likelihood, state_log_likelihood
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import cut, rolling, whole
@@ -144,6 +145,19 @@ def test_shares_of_a_reference_are_valid_p_values() -> None:
     for level in (0.05, 0.25, 0.5):
         assert (shares <= level).mean() == pytest.approx(level, abs=0.03)
     assert share_as_unlikely(np.array([-9.0]), random.normal(size=99)).tolist() == [0.01]
+
+
+def test_the_usual_value_of_a_signal_is_that_of_recorded_steps() -> None:
+    def sessions(action: list[float], state: list[float]) -> Scores:
+        steps, rest = np.array(action), np.array(state)
+        length, end = np.array([len(steps)]), np.zeros(len(steps))
+        return Scores(length, steps, steps[:, None], rest, rest[:, None], end, np.zeros((1, 0)))
+
+    reference = sessions([-5.0] * 4, [-5.0, np.nan, np.nan, np.nan])
+    (place,) = unlike_places(sessions([-7.0], [-5.5]), reference, 1)
+    assert place.signal == 0
+    (place,) = unlike_places(sessions([-7.0], [-9.5]), reference, 1)
+    assert place.signal == 1
 
 
 def test_distance_is_bhattacharyyas() -> None:

@@ -113,6 +113,15 @@ def test_phrases_can_be_filled(demonstrations):
     assert outcomes == ["return", "info.coins", "info.won"]
 
 
+def test_a_signal_called_as_a_statistic_of_ours_does_not_hide_it():
+    walk = Trajectory(np.array([[0.0], [3.0], [1.0]]), np.array([[1.0], [0.0]]))
+    spaces = Space((Continuous("steps"),)), Space((Continuous("return"),))
+    told = EpisodeStatistics.of(Demonstrations.from_trajectories([walk], *spaces))
+    assert told["steps"].tolist() == [2.0]
+    assert told["observation.steps.highest"].tolist() == [3.0]
+    assert told["action.return.mean"].tolist() == [0.5]
+
+
 def test_directions_have_no_seam():
     """Just left and just right of pi is nearly one direction."""
     turning = Trajectory(np.zeros((4, 0)), np.array([[3.1], [-3.1], [3.1], [-3.1]]))

@@ -613,8 +613,9 @@ def test_what_is_no_checkpoint_is_refused(walks: tuple[Demonstrations, Demonstra
 
 
 def test_a_checkpoint_of_another_model_is_refused(walks: tuple[Demonstrations, Demonstrations], checkpoint: Path):
-    with pytest.raises(CheckpointError, match="belongs to another model"):
-        trained(untrained(walks[0], hidden_features=9), walks, num_steps=2, checkpoint=checkpoint)
+    for argument, value in (("hidden_features", 9), ("dropout", 0.1), ("state_floor", 0.3)):
+        with pytest.raises(CheckpointError, match=rf"model\.{argument} \S+ \(now {value}\)"):
+            trained(untrained(walks[0], **{argument: value}), walks, num_steps=2, checkpoint=checkpoint)
 
 
 @pytest.mark.parametrize(
@@ -637,8 +638,11 @@ def test_a_checkpoint_of_other_demonstrations_is_refused(
     walks: tuple[Demonstrations, Demonstrations], checkpoint: Path
 ):
     fewer = (walks[0][:50], walks[1])
-    with pytest.raises(CheckpointError, match=r"demonstrations 180 episodes of 1800 steps \(now 50 episodes"):
+    with pytest.raises(CheckpointError, match=r"180 episodes of 1800 steps \(SHA-256 \w{12}\) \(now 50 episodes"):
         trained(untrained(walks[0]), fewer, num_steps=2, checkpoint=checkpoint)
+    others = two_styles(200, seed=1).split(0.1, seed=0)
+    with pytest.raises(CheckpointError, match=r"1800 steps \(SHA-256 \w{12}\) \(now 180 episodes of 1800 steps"):
+        trained(untrained(others[0]), others, num_steps=2, checkpoint=checkpoint)
 
 
 def test_a_checkpoint_holds_plain_text_and_numbers(checkpoint: Path):
@@ -670,10 +674,32 @@ def test_impossible_weights_of_the_state_term_are_refused(
         train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, state_weight=weight)
 
 
-@pytest.mark.parametrize("name", ["num_steps", "batch_size", "evaluate_every"])
+@pytest.mark.parametrize("name", ["num_steps", "batch_size", "evaluate_every", "patience"])
 def test_counts_below_1_are_refused(walks: tuple[Demonstrations, Demonstrations], name: str):
     with pytest.raises(ValueError, match=f"{name} must be at least 1, got 0"):
         train(untrained(walks[0]), *walks, schedule=Constant(), **{**QUICK, name: 0})
+
+
+def test_something_has_to_be_held_out(walks: tuple[Demonstrations, Demonstrations]):
+    with pytest.raises(ValueError, match="the number of held-out episodes must be at least 1, got 0"):
+        train(untrained(walks[0]), walks[0], walks[1][:0], schedule=Constant(), **QUICK)
+
+
+def test_a_held_out_bound_that_is_not_finite_is_an_error_in_words(walks: tuple[Demonstrations, Demonstrations]):
+    actions = walks[1].actions.copy()
+    actions[walks[1].action_starts[0]] = np.finfo(np.float32).max
+    with pytest.raises(TrainingError, match="step 0: the bound on held-out demonstrations is not finite"):
+        train(untrained(walks[0]), walks[0], replace(walks[1], actions=actions), schedule=Constant(), **QUICK)
+
+
+def test_a_training_that_is_broken_off_leaves_no_dropout_on(walks: tuple[Demonstrations, Demonstrations]):
+    def stop(step: int, terms: Terms) -> None:
+        raise KilledError
+
+    model = untrained(walks[0], dropout=0.1)
+    with pytest.raises(KilledError):
+        train(model, *walks, schedule=Constant(), **QUICK, observer=Observer(on_step=stop))
+    assert not any(module.training for module in model.modules())
 
 
 def test_one_trajectory_of_one_step_can_be_trained_on():

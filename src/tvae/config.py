@@ -63,7 +63,7 @@ class TrainingConfig:
     clip: float = 1.0
     """Largest gradient norm of each of encoder, prior and decoders."""
     state_weight: float = 1.0
-    """Weight of the state term; 0 trains without a state decoder."""
+    """Weight of the state term; 0 trains as if next states were not told."""
     shortest_window: int = 1
     """The least past states that a bot is to see, where fewer would do."""
     kl_points: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.4, 1.0), (0.5, 1.5))

@@ -238,5 +238,5 @@ class Space:
                     raise ValueError(f"an angle is recorded in {_RADIANS} or {_DEGREES}, got {unit!r}")
                 signals.append(Angular(str(entry["name"]), recorded_in_degrees=unit == _DEGREES))
             else:
-                signals.append(_KINDS[kind](str(entry["name"])))  # type: ignore[call-arg]
+                signals.append(_KINDS[kind](str(entry["name"])))  # type: ignore[call-arg]  # all kinds left take a name alone
         return cls(tuple(signals))

@@ -18,6 +18,7 @@ from tvae.spaces import IntArray
 _BUCKETS_PER_POOL = 16
 _STEPS_PER_BATCH = 3_200
 _FEWEST, _MOST = 32, 64
+_MOST_PADDED_STEPS = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +89,23 @@ def suitable_batch_size(lengths: IntArray) -> int:
 
 
 def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntArray]:
-    """Every episode once, shortest first, in groups of at most `size`; for evaluation."""
+    """Every episode once, shortest first, in groups of at most `size`; for evaluation.
+
+    A group of several has at most 65,536 steps, padding included, so that long episodes need no more memory.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> lengths = (3, 30_000, 2, 40_000, 30_000)
+    >>> walks = from_arrays([np.zeros(length) for length in lengths], [np.zeros(length) for length in lengths])
+    >>> [group.tolist() for group in ordered_batches(walks, 64)]
+    [[2, 0], [1, 4], [3]]
+    """
     order = np.argsort(demonstrations.lengths, kind="stable")
-    for start in range(0, len(order), size):
-        yield order[start : start + size]
+    lengths, start = demonstrations.lengths[order], 0
+    while start < len(order):
+        padded = lengths[start : start + size] * np.arange(1, len(lengths[start : start + size]) + 1)
+        end = start + max(1, int(np.count_nonzero(padded <= _MOST_PADDED_STEPS)))
+        yield order[start:end]
+        start = end
 
 
 @dataclass(frozen=True, eq=False)

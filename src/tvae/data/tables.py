@@ -100,7 +100,7 @@ def _in_memory(source: ArrowStream) -> pa.Table:
         reset_index = getattr(source, "reset_index", None)
         if reset_index is None:
             return pa.table(source)
-        named = any(name is not None for name in source.index.names)  # type: ignore[attr-defined]
+        named = any(name is not None for name in source.index.names)  # type: ignore[attr-defined]  # what has reset_index has an index
         return pa.Table.from_pandas(reset_index() if named else source, preserve_index=False)
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise DataError(f"cannot be read as an Arrow table: {error}") from error

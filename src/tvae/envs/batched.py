@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import gymnasium
@@ -226,7 +227,4 @@ class TaskVectorEnv(VectorEnv[FloatArray, Any, NDArray[Any]], Generic[S]):
         """A picture (height, width, 3) of each copy in the mode `rgb_array`, else None."""
         if self.render_mode != "rgb_array":
             return None
-        return tuple(
-            picture(lambda axes, copy=copy: self._past.draw(axes, copy))  # type: ignore[misc]
-            for copy in range(self.num_envs)
-        )
+        return tuple(picture(partial(self._past.draw, copy=copy)) for copy in range(self.num_envs))

@@ -73,6 +73,6 @@ def encode(model: TrajectoryVAE, demonstrations: Demonstrations, batch_size: int
     with inferring(model):
         for episodes in ordered_batches(demonstrations, batch_size):
             posterior = model.posterior(batch_of(demonstrations, episodes, model.device))
-            means[episodes] = posterior.mean.double().cpu().numpy()
-            scales[episodes] = posterior.stddev.double().cpu().numpy()
+            means[episodes] = posterior.mean.cpu().double().numpy()
+            scales[episodes] = posterior.stddev.cpu().double().numpy()
     return Posteriors(means, scales)

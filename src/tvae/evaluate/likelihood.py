@@ -30,6 +30,9 @@ from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows, state_windows
 from tvae.spaces import FloatArray
 
+_RESAMPLED_AT_ONCE = 10_000_000
+"""Numbers in memory at a time, for an interval."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bound:
@@ -61,7 +64,7 @@ def importance_weighted_bound(
             batch = batch_of(demonstrations, episodes, model.device)
             whole_weights, action_weights = _log_weights(model, batch, num_samples)
             for values, weights in ((total, whole_weights), (actions, action_weights)):
-                mean = torch.logsumexp(weights.double(), dim=0) - math.log(num_samples)
+                mean = torch.logsumexp(weights.cpu().double(), dim=0) - math.log(num_samples)
                 values[episodes] = mean.cpu().numpy()
     return Bound(total, actions)
 
@@ -120,5 +123,6 @@ def mean_interval(values: FloatArray, *, seed: int = 0) -> tuple[float, float]:
     if len(values) < 2 or np.ptp(values) == 0:
         return (float(values.mean()), float(values.mean()))
     rng = np.random.default_rng(seed)
-    found = bootstrap((values,), np.mean, method="percentile", rng=rng).confidence_interval
+    batch = max(1, _RESAMPLED_AT_ONCE // len(values))
+    found = bootstrap((values,), np.mean, method="percentile", batch=batch, rng=rng).confidence_interval
     return (float(found.low), float(found.high))

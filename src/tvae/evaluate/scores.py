@@ -143,7 +143,7 @@ def score(
             state[rows], observation_signals[rows] = _terms(states.following, at, batch)
             end[rows] = _steps(states.ends[:, None], at, batch)[:, 0]
             occurrence = model.events.occurrence(z).log_prob_by_column(used_events(model, batch).to(z.dtype))
-            events[episodes] = occurrence.double().cpu().numpy()
+            events[episodes] = occurrence.cpu().double().numpy()
             finished += len(episodes)
             on_episodes(finished)
     return Scores(lengths, action, action_signals, state, observation_signals, end, events)
@@ -162,7 +162,7 @@ def _steps(terms: Float[Tensor, "N C"], windows: Windows, batch: TrajectoryBatch
     """(steps of the batch, C) one trajectory after another."""
     placed = terms.new_empty((*batch.actions.shape[:2], terms.shape[-1]))
     placed[windows.counted] = terms
-    result: FloatArray = placed[batch.mask].double().cpu().numpy()
+    result: FloatArray = placed[batch.mask].cpu().double().numpy()
     return result
 
 

@@ -42,6 +42,8 @@ from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, In
 MOST_CATEGORIES = 20
 """Shares are told of categorical signals with at most so many categories."""
 
+_OWN_NAMES = ("steps", "return")
+"""Statistics that are of no signal; a signal of such a name is called by its role, too."""
 _STEPS_AT_ONCE = 2_000_000
 _ROUNDING = 1e-12
 _ON_THE_SEAM = 1e-6
@@ -163,7 +165,8 @@ def _columns(demonstrations: Demonstrations) -> Iterator[_Column]:
         ("action", demonstrations.action_space, demonstrations.actions, steps),
     ):
         for column, signal in enumerate(space.signals):
-            name = signal.name if told.count(signal.name) == 1 else f"{kind}.{signal.name}"
+            plain = told.count(signal.name) == 1 and signal.name not in _OWN_NAMES
+            name = signal.name if plain else f"{kind}.{signal.name}"
             for statistic, phrase, values in _of_signal(signal, rows.of(flat[:, column]), rows):
                 yield Statistic(f"{name}.{statistic}", name, f"{_literal(name)} {phrase}"), values
 

@@ -80,7 +80,9 @@ def _places(scores: Scores, reference: Scores, rows: IntArray) -> tuple[Place, .
     starts, nats, signals = scores.starts, scores.steps[rows], scores.signals[rows]
     sessions = np.searchsorted(starts, rows, side="right") - 1
     shares = share_as_unlikely(nats, reference.steps)
-    usual = np.median(np.nan_to_num(reference.signals, nan=0.0), axis=0)
+    recorded = ~np.isnan(reference.signals).all(axis=0)
+    usual = np.zeros(reference.signals.shape[1])
+    usual[recorded] = np.nanmedian(reference.signals[:, recorded], axis=0)
     lowest = np.where(np.isnan(signals), np.inf, signals - usual).argmin(axis=1)
     return tuple(
         Place(int(session), int(row - starts[session]), float(value), float(share), int(signal))

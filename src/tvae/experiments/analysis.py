@@ -163,7 +163,7 @@ def _latent(
         return held
     starts = torch.as_tensor(demonstrations.observations[demonstrations.observation_starts], dtype=torch.float32)
     normalizer = model.observation_normalizer
-    facts = normalizer.features(normalizer.values(starts.to(model.device))).double().cpu().numpy()
+    facts = normalizer.features(normalizer.values(starts.to(model.device))).cpu().double().numpy()
     told = leakage(posteriors, facts, styles, seed=seed)
     names = {"start_r2": told.from_sample.r2, "start_r2_from_mean": told.from_mean.r2}
     nats = {"start_nats": told.from_sample.nats, "start_nats_from_mean": told.from_mean.nats}

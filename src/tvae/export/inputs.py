@@ -11,7 +11,7 @@ import numpy as np
 from tvae.data.normalizer import Normalizer
 from tvae.export.arranged import Arranged
 from tvae.export.sheet import Value, as_rows
-from tvae.model.perception import MARGIN, SMALLEST, NoPerception, Perception
+from tvae.model.perception import MARGIN, NoPerception, Perception
 
 UNBOUNDED = 3e38
 """Stands for no bound: not every engine reads an infinite constant."""
@@ -55,7 +55,8 @@ def _numbers(perception: Perception | NoPerception, normalizer: Normalizer, raw:
         logs = np.flatnonzero(scale)
         if len(logs):
             positive = rows if len(logs) == len(columns) else rows.columns(logs)
-            rows = sheet.join([rows, sheet.node("Max", positive, SMALLEST).apply("Log")])
+            smallest = as_rows(perception.smallest())[logs]
+            rows = sheet.join([rows, sheet.node("Max", positive, smallest).apply("Log")])
             mean = np.append(mean, as_rows(perception.log_mean)[logs])
             std = np.append(std, 1 / scale[logs])
             order = np.append(order, space.num_features + logs)

@@ -60,6 +60,8 @@ def fit(
     episodes kept for early stopping; with `group`, an attribute, groups stay whole. The policy then learns further
     alone (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, at most 2,500, and 0 for none.
     """
+    if policy_steps is not None and policy_steps < 0:
+        raise ValueError(f"policy_steps must be at least 0, got {policy_steps}")
     training, judged = demonstrations.split(held_out, seed=seed, group=group)
     model = new_model(
         demonstrations,

@@ -83,7 +83,7 @@ class LatentPolicy:
         with self._next_seed():
             actions = self.choose(law, observations)
         self._events.note(law, actions)
-        return model.action_normalizer.raw(actions).double().cpu().numpy()
+        return model.action_normalizer.raw(actions).cpu().double().numpy()
 
     def choose(self, law: RowDistribution, observations: FloatArray) -> Tensor:
         """Values of the next actions (N, A), given their law and the present observations (N, O)."""

@@ -67,4 +67,4 @@ def imagine(
 
 
 def _rows(values: torch.Tensor) -> FloatArray:
-    return values.double().cpu().numpy()
+    return values.cpu().double().numpy()

@@ -143,8 +143,16 @@ def policy_log_likelihood(
     model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
 ) -> Float[Tensor, " B"]:
     """The policy term of each trajectory at `z`; in each window the decoder starts without memory."""
-    events = model.events.log_prob(z, used_events(model, batch))
-    return _log_likelihood(predicted_actions(model, batch, z, windows), windows, batch) + events
+    actions, events = policy_terms(model, batch, z, windows)
+    return actions + events
+
+
+def policy_terms(
+    model: TrajectoryVAE, batch: TrajectoryBatch, z: Float[Tensor, "B Z"], windows: Windows
+) -> tuple[Float[Tensor, " B"], Float[Tensor, " B"]]:
+    """Its two parts: sum_t log pi(a_t | s_1:t, z) over the steps that count in `windows`, and log p(E | z)."""
+    actions = _log_likelihood(predicted_actions(model, batch, z, windows), windows, batch)
+    return actions, model.events.log_prob(z, used_events(model, batch))
 
 
 def state_log_likelihood(

@@ -1,4 +1,4 @@
-"""Asking a network what it says, in the midst of its training or not."""
+"""Networks that learn, and that are asked what they say, in the midst of their training or not."""
 
 from __future__ import annotations
 
@@ -28,3 +28,21 @@ def inferring(network: nn.Module) -> Iterator[None]:
     finally:
         for module, training in modes:
             module.training = training
+
+
+@contextmanager
+def learning(network: nn.Module) -> Iterator[None]:
+    """Inside, every module is in training mode; behind, none is, whatever was raised.
+
+    >>> network = nn.Sequential(nn.Dropout(), nn.Linear(1, 1))
+    >>> with learning(network):
+    ...     network[0].training
+    True
+    >>> network[0].training
+    False
+    """
+    network.train()
+    try:
+        yield
+    finally:
+        network.eval()

@@ -21,7 +21,8 @@ class Perception(nn.Module):
       the nearest value within, so that far away a bot does what it would do at the edge of what it knows. The margin
       lets it see that it is beyond.
     - log x of a continuous signal that was positive in all of the training data, such as a distance, standardised:
-      a step from 1 to 2 then counts like one from 2 to 4. 0 for any other continuous signal.
+      a step from 1 to 2 then counts like one from 2 to 4. Below the least of the training data, and a tenth of the
+      range of the logarithm, it counts as that (x may be 0 there). 0 for any other continuous signal.
     - cos and sin of each angular signal relative to the first one: how far the enemy is off the way to the goal.
 
     >>> from tvae.spaces import Angular, Continuous
@@ -31,6 +32,8 @@ class Perception(nn.Module):
     >>> row = torch.tensor([3.0, np.e, 1.0, 1.0 + np.pi / 2])
     >>> [round(x, 2) for x in perception(row).tolist()], perception.within(row)[:2].round().tolist()
     ([0.0, 0.0, 0.0, 1.0], [1.0, 3.0])
+    >>> [round(x, 2) for x in perception(torch.tensor([0.0, 0.0, 0.0, 0.0]))[:2].tolist()]  # 1 + 2 MARGIN beyond
+    [0.0, -1.2]
     """
 
     least: Tensor
@@ -72,9 +75,15 @@ class Perception(nn.Module):
         margin = MARGIN * (self.largest - self.least)
         return torch.minimum(torch.maximum(raw, self.least - margin), self.largest + margin)
 
+    def smallest(self) -> Float[Tensor, " N"]:
+        """What the logarithm of each continuous signal is taken of at least."""
+        least, largest = (bound[self._continuous] for bound in (self.least, self.largest))
+        positive = least.clamp_min(SMALLEST)
+        return torch.where(least > 0, positive * (positive / largest) ** MARGIN, SMALLEST).clamp_min(SMALLEST)
+
     def forward(self, raw: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch F"]:
         """The further readings of raw rows that lie within the range."""
-        logs = raw.index_select(-1, self._continuous).clamp_min(SMALLEST).log()
+        logs = torch.maximum(raw.index_select(-1, self._continuous), self.smallest()).log()
         angles = raw.index_select(-1, self._angular)
         relative = angles[..., 1:] - angles[..., :1]
         return torch.cat([(logs - self.log_mean) * self.log_scale, relative.cos(), relative.sin()], dim=-1)

@@ -101,5 +101,5 @@ def _is_ordered(signal: Signal) -> bool:
 
 def _spread(rows: Float[Tensor, "N C"]) -> Float[Tensor, " C"]:
     """The standard deviation of each column; 1 for one that never changes."""
-    spread = rows.double().std(0, correction=0).to(rows.dtype)
+    spread = rows.cpu().double().std(0, correction=0).to(rows)
     return torch.where(spread > _NOTHING, spread, torch.ones_like(spread))

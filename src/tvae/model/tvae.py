@@ -97,6 +97,8 @@ class TrajectoryVAE(Saved):
         for name, steps in (("window", window), ("horizon", horizon)):
             if steps is not None and steps < 1:
                 raise ValueError(f"{name} must be at least 1 step, got {steps}")
+        if prior_components < 1:
+            raise ValueError(f"prior_components must be at least 1, got {prior_components}")
         self.observation_space = observation_space
         self.action_space = action_space
         self.latent_features = latent_features

@@ -77,7 +77,8 @@ def drawn(batch: TrajectoryBatch, window: int | None, moments: int) -> Windows:
     window = min(window, int(batch.lengths.max()))
     everyone = torch.arange(len(batch), device=batch.lengths.device).repeat_interleave(moments)
     lengths = batch.lengths[everyone]
-    moment = (torch.rand_like(lengths, dtype=torch.float64) * lengths).long()
+    share = torch.rand(len(lengths), dtype=torch.float64)  # on the CPU: not every accelerator knows this precision
+    moment = (share * lengths.cpu()).long().to(lengths.device)
     start = (moment - window + 1).clamp_min(0)
     steps = start[:, None] + torch.arange(window, device=batch.lengths.device)
     return Windows(everyone, steps.clamp_max(batch.actions.shape[1] - 1), steps == moment[:, None])

@@ -105,7 +105,7 @@ def read_checkpoint(
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - safe_open is no mapping
     except (SafetensorError, OSError) as error:
         raise CheckpointError(f"{path} is not a whole safetensors file: {error}") from error
     if metadata.get("format") != "tvae-checkpoint" or metadata.get("version") != str(SCHEMA_VERSION):
@@ -146,6 +146,6 @@ def _progress(data: dict[str, object]) -> Progress:
     records = data.pop("records")
     assert isinstance(records, list)
     return Progress(
-        **data,  # type: ignore[arg-type]
+        **data,  # type: ignore[arg-type]  # numbers and a flag, as `asdict` wrote them
         records=tuple(Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in records),
     )

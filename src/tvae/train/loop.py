@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +25,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, elbo
-from tvae.model.inference import inferring
+from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut_anywhere
 from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
@@ -35,6 +37,7 @@ from tvae.train.schedules import KLSchedule
 
 MOST_JUDGED_STEPS = 100_000
 """Held-out steps by which weights are judged; of more, evenly spaced episodes."""
+_MOST_DIGESTED_STEPS = 20_000
 _WINDOW_CHOSEN = 0.6
 """Share of the training after which the policy's window is chosen."""
 
@@ -65,9 +68,12 @@ def train(
     """Train `model` in place, leave it with its best weights on `held_out`, and return the evaluations.
 
     Each step takes one batch of `batch_size` trajectories of similar lengths (None: `suitable_batch_size`), cut into
-    the model's windows at a random offset, and one step of Adam on -(policy + state_weight state + stop - beta KL) /
-    (mean length), its learning rate falling to nothing along half a cosine. The gradient of the encoder, the prior and
-    each decoder is clipped to the norm `clip` on its own, so that a sharp term cannot drown another.
+    the model's windows at a random offset, and one step of Adam on
+
+        -(policy + state_weight state + ahead + stop - beta KL) / (mean length),
+
+    its learning rate falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is
+    clipped to the norm `clip` on its own, so that a sharp term cannot drown another.
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
     the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of
@@ -81,19 +87,27 @@ def train(
     episodes. After `schedule` has settled and the window is
     chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
     training ends early when `patience` evaluations have not improved on it. The state term has the weight
-    `state_weight` there too. With 0, z and the policy are learnt as if there were no state decoder, which stays as it
-    was but for what the stop term, if the model has one, teaches its trunk.
+    `state_weight` there too. With 0, z and the policy are learnt as if next states were not told; what is told h steps
+    ahead, of a model with a horizon, counts all the same. Without that, the state decoder stays as it was but for what
+    the stop term, if the model has one, teaches its trunk.
 
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
 
     Warns with `TrainingWarning` (`tvae.train.diagnosis`) where the latent has collapsed, the model overfits, or nothing
-    was learnt. Raises `TrainingError` where a gradient is not finite, and `CheckpointError` for a checkpoint of
-    something else.
+    was learnt. Raises `TrainingError` where a gradient or the bound on `held_out` is not finite, `CheckpointError` for
+    a checkpoint of another model, other demonstrations or another training, and `ValueError` for numbers that cannot
+    be.
     """
     if batch_size is None:
         batch_size = suitable_batch_size(demonstrations.lengths)
-    for name, number in (("num_steps", num_steps), ("batch_size", batch_size), ("evaluate_every", evaluate_every)):
+    for name, number in (
+        ("num_steps", num_steps),
+        ("batch_size", batch_size),
+        ("evaluate_every", evaluate_every),
+        ("patience", patience),
+        ("the number of held-out episodes", len(held_out)),
+    ):
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")
     if not 0 <= state_weight < math.inf:
@@ -117,7 +131,7 @@ def train(
         candidates(model.window, shortest_window),
         seed,
     )
-    settings = {
+    settings: dict[str, object] = {
         "schedule": schedule,
         "num_steps": num_steps,
         "batch_size": batch_size,
@@ -128,17 +142,18 @@ def train(
         "evaluate_every": evaluate_every,
         "patience": patience,
         "seed": seed,
-        "demonstrations": _size(demonstrations),
-        "held-out demonstrations": _size(held_out),
+        **{f"model.{name}": value for name, value in model.arguments.items()},
+        "demonstrations": _identity(demonstrations),
+        "held-out demonstrations": _identity(held_out),
     }
     if penalties:
         settings["penalties"] = tuple(penalties)
     choosable = max(schedule.settled * num_steps, chosen)
-    with seeded(seed, model.device):
+    with seeded(seed, model.device), learning(model):
         if checkpoint is not None and checkpoint.exists():
             progress, best = read_checkpoint(checkpoint, settings, model, optimizer)
         else:
-            first = evaluate(model, judging, batch_size=batch_size, seed=seed)
+            first = _finite(evaluate(model, judging, batch_size=batch_size, seed=seed), 0)
             beta = schedule.weight(0.0, first.kl, 1.0)
             progress = Progress(0, beta, first.kl, 0, 0, False, (Record(0, beta, first, first),))
             best = copy_of_weights(model)
@@ -151,7 +166,7 @@ def train(
                 model.bot_window = shortest_sufficient_window(
                     model, held_out, shortest=shortest_window, seed=seed
                 )
-            held = evaluate(model, judging, batch_size=batch_size, seed=seed)
+            held = _finite(evaluate(model, judging, batch_size=batch_size, seed=seed), end)
             record = Record(end, beta, _average(terms), held)
             judged = _judge(progress, record, terms[-1].kl, choosable, state_weight)
             if judged.best_step == end:
@@ -163,7 +178,6 @@ def train(
                     checkpoint, settings=settings, progress=progress, model=model, optimizer=optimizer, best=best
                 )
     model.load_state_dict(best)
-    model.eval()
     observer.on_end(progress)
     diagnose(model, progress, state_weight, choosable)
     return progress.records
@@ -195,7 +209,6 @@ class _Steps:
         per_step = 1 / float(self.demonstrations.lengths.mean())
         parts = [learnt for part in model.children() if (learnt := [p for p in part.parameters() if p.requires_grad])]
         history: list[Terms] = []
-        model.train()
         for step in range(progress.step, end):
             reseed(np.random.SeedSequence((self.seed, step)).generate_state(1, np.uint64).item(), model.device)
             beta = self.schedule.weight(step / self.num_steps, kl, beta)
@@ -268,8 +281,25 @@ def copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
     return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
 
 
-def _size(demonstrations: Demonstrations) -> str:
-    return f"{len(demonstrations)} episodes of {demonstrations.num_steps} steps"
+def _finite(held_out: Terms, step: int) -> Terms:
+    if not math.isfinite(held_out.value(1.0)):
+        raise TrainingError(
+            f"step {step}: the bound on held-out demonstrations is not finite; its terms are {held_out}. "
+            "Look for extreme values in the demonstrations."
+        )
+    return held_out
+
+
+def _identity(demonstrations: Demonstrations) -> str:
+    """What tells these demonstrations from others: their sizes, and a digest of lengths, signals and some episodes."""
+    spaces = demonstrations.observation_space, demonstrations.action_space
+    digest = hashlib.sha256(json.dumps([space.to_json() for space in spaces]).encode())
+    digest.update(demonstrations.lengths.tobytes())
+    for episode in evenly(demonstrations, _MOST_DIGESTED_STEPS):
+        digest.update(np.ascontiguousarray(episode.observations).tobytes())
+        digest.update(np.ascontiguousarray(episode.actions).tobytes())
+    sizes = f"{len(demonstrations)} episodes of {demonstrations.num_steps} steps"
+    return f"{sizes} (SHA-256 {digest.hexdigest()[:12]})"
 
 
 def _judge(progress: Progress, record: Record, last_kl: float, settled: float, state_weight: float) -> Progress:

@@ -80,5 +80,5 @@ def _log_probability(model: TrajectoryVAE, demonstrations: Demonstrations, windo
             batch = batch_of(demonstrations, episodes, model.device)
             z = model.posterior(batch).sample()
             policy = policy_log_likelihood(model, batch, z, rolling(batch.lengths, window))
-            found[episodes] = policy.double().cpu().numpy()
+            found[episodes] = policy.cpu().double().numpy()
     return found

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from tvae.data.batches import batch_of, ordered_batches
 from tvae.data.demonstrations import Demonstrations
 from tvae.device import reseed, seeded
 from tvae.model.decoding import latent_of
-from tvae.model.elbo import policy_log_likelihood
-from tvae.model.inference import inferring
+from tvae.model.elbo import policy_log_likelihood, policy_terms
+from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import drawn, policy_windows
 from tvae.spaces import FloatArray
@@ -67,15 +67,17 @@ def train_policy(
 
     Each step takes `batch_size` moments, 16 of each trajectory that it draws and evenly from all steps of the
     demonstrations, each with the window of the past that a bot would see there (half of the steps, all with another
-    window of those that a bot may be given). Of a model without windows a step takes whole trajectories that have about
-    as many moments together. AdamW's learning rate falls to nothing along half a cosine. The randomness of a step
-    depends on `seed` and the step alone. `on_step` is told each step and the mean log-likelihood of an action, in nats.
+    window of those that a bot may be given). Of a model without windows a step takes whole trajectories, each as often
+    as another, that have about as many moments together. What a trajectory says of its events, log p(E | z), counts as
+    much as the share of its moments that a step takes. AdamW's learning rate falls to nothing along half a cosine. The
+    randomness of a step depends on `seed` and the step alone. `on_step` is told each step and the mean log-likelihood
+    of an action, in nats.
 
     With `held_out`, its mean log-likelihood of an action is measured before, and ten times on the way, and the weights
     with the best one are kept, those before among them. Without, `num_steps` says how near the policy comes to its
     demonstrations, by heart in the end.
 
-    Raises `TrainingError` where the log-likelihood is not finite, and `ValueError` for numbers that are not positive.
+    Raises `TrainingError` where a log-likelihood is not finite, and `ValueError` for numbers that are not positive.
 
     >>> from tvae.data.arrays import from_arrays
     >>> from tvae.model.decoding import Fixed
@@ -95,12 +97,11 @@ def train_policy(
     decoders = nn.ModuleList([model.policy_decoder, model.events])
     optimizer = torch.optim.AdamW(decoders.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True)
     demonstrations = lessons.demonstrations
-    shares = demonstrations.lengths / demonstrations.num_steps
+    shares = None if model.bot_window is None else demonstrations.lengths / demonstrations.num_steps
     lengths = candidates(model.window, model.bot_window or 1)
     size = math.ceil(batch_size / (demonstrations.lengths.mean() if model.bot_window is None else _MOMENTS))
     best = None if held_out is None else _Best(model, decoders, held_out, seed)
-    decoders.train()
-    with seeded(seed, model.device):
+    with seeded(seed, model.device), learning(decoders):
         for step in range(num_steps):
             sequence = np.random.SeedSequence((seed, step))
             reseed(sequence.generate_state(1, np.uint64).item(), model.device)
@@ -112,7 +113,9 @@ def train_policy(
             window = lengths[random.integers(len(lengths))] if random.random() < _LONGER else model.bot_window
             windows = drawn(batch, window, _MOMENTS)
             z = latent_of(model, lessons.latents.draw(episodes, random), size)
-            nats = policy_log_likelihood(model, batch, z, windows).sum() / windows.valid.sum()
+            actions, events = policy_terms(model, batch, z, windows)
+            moments = windows.counted[0].bincount(minlength=size)
+            nats = (actions + moments / batch.lengths * events).sum() / moments.sum()
             if not nats.isfinite():
                 raise TrainingError(
                     f"step {step + 1} of the policy: the log-likelihood of an action is {nats.item()}. "
@@ -126,7 +129,6 @@ def train_policy(
                 best.consider()
     if best is not None:
         decoders.load_state_dict(best.weights)
-    decoders.eval()
 
 
 def log_likelihoods(model: TrajectoryVAE, lessons: Lessons, *, seed: int = 0) -> FloatArray:
@@ -141,7 +143,7 @@ def log_likelihoods(model: TrajectoryVAE, lessons: Lessons, *, seed: int = 0) ->
             batch = batch_of(lessons.demonstrations, episodes, model.device)
             told = latent_of(model, z[episodes], len(episodes))
             nats = policy_log_likelihood(model, batch, told, policy_windows(model, batch))
-            found[episodes] = nats.double().cpu().numpy()
+            found[episodes] = nats.cpu().double().numpy()
     return found
 
 
@@ -150,12 +152,19 @@ class _Best:
 
     def __init__(self, model: TrajectoryVAE, decoders: nn.Module, held_out: Lessons, seed: int) -> None:
         self._model, self._decoders, self._held_out, self._seed = model, decoders, held_out, seed
-        self._nats = -math.inf
-        self.weights: dict[str, Tensor] = {}
-        self.consider()
+        self._nats, self.weights = self._judged(), copy_of_weights(decoders)
 
     def consider(self) -> None:
         """Keep the present weights if they are better than those kept."""
-        nats = log_likelihoods(self._model, self._held_out, seed=self._seed).mean()
+        nats = self._judged()
         if nats > self._nats:
             self._nats, self.weights = nats, copy_of_weights(self._decoders)
+
+    def _judged(self) -> float:
+        nats = log_likelihoods(self._model, self._held_out, seed=self._seed)
+        if not np.isfinite(nats).all():
+            raise TrainingError(
+                f"the log-likelihood of a held-out episode's actions is {nats[~np.isfinite(nats)][0]}: "
+                "look for extreme values in the demonstrations."
+            )
+        return float(nats.mean())
