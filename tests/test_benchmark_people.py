@@ -185,7 +185,7 @@ def test_who_cannot_play_is_left_out_by_name(tmp_path: Path) -> None:
     plan = Plan(tmp_path, (0,), ("pusht", "overcooked"))
     names = {task: plan.methods_of(task) for task in plan.tasks}
     assert not {"labelled", "infogail", "dagger", "demonstrators", "walk"} & set(names["pusht"])
-    assert set(names["overcooked"]) - set(names["pusht"]) == {"labelled", "infogail"}
+    assert set(names["overcooked"]) - set(names["pusht"]) >= {"labelled", "infogail"}
     assert {"people", "cloning_mlp", "ours"} <= set(names["pusht"])
     assert Plan(tmp_path, (0,)).tasks == PAPER
     assert not any("people" in Plan(tmp_path, (0,)).methods_of(task) for task in PAPER)

@@ -1,6 +1,7 @@
 """Trajectory VAEs whose encoder reads states alone: what the state-only VAE of Wang et al. and SeCTAR share.
 
-q(z | s_1:T) by a bidirectional LSTM, pi(a_t | s_t, z) by an MLP, a law of the states that a subclass gives, and
+q(z | s_1:T) by a bidirectional LSTM, which reads ordered categories as numbers and the areas of their paths too, as our
+own encoder does (`tvae.model.ranks`), pi(a_t | s_t, z) by an MLP, a law of the states that a subclass gives, and
 
     L = - E_q[ sum_t log pi(a_t | s_t, z) + log p(s_t+1 | ..., z) ] + KL(q(z | s_1:T) || N(0, I)).
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.distributions import Normal
@@ -27,6 +29,7 @@ from tvae.heads import Head
 from tvae.model.calibration import typical_changes
 from tvae.model.encoder import Encoder
 from tvae.model.latent import StandardNormal
+from tvae.model.ranks import Ranks
 
 STATE_FLOOR = 0.1
 """Smallest standard deviation of a state, in typical changes, as in our own state decoder."""
@@ -39,7 +42,13 @@ class StateOnlyVAE(nn.Module, ABC):
 
     def __init__(self, senses: Senses, *, latent_features: int, hidden_features: int, num_components: int) -> None:
         super().__init__()
-        self.encoder = Encoder(senses.num_features, latent_features, hidden_features)
+        self.ranks = Ranks(senses.observations.space)
+        self.encoder = Encoder(
+            senses.num_features + self.ranks.num_features,
+            latent_features,
+            hidden_features,
+            summary_features=self.ranks.num_areas,
+        )
         trunk = MovingTrunk(senses.num_features, latent_features, hidden_features)
         self.policy = PolicyNetwork(senses, trunk, num_components=num_components)
         self.prior = StandardNormal(latent_features)
@@ -49,13 +58,19 @@ class StateOnlyVAE(nn.Module, ABC):
         """The law of s_2:T+1 at `z`, batch shape (B, T)."""
 
     def calibrate(self, demonstrations: Demonstrations) -> None:
-        """Measure the typical change of each signal in one step."""
+        """Measure the typical change of each signal in one step, and ranks."""
         of_values, _ = typical_changes(self.policy.senses.observations, demonstrations)
         self.next_state.unit.copy_(of_values)
+        self.ranks.fit(demonstrations)
 
     def posterior(self, batch: TrajectoryBatch) -> Normal:
         """q(z | s_1:T), batch shape (B, Z)."""
-        return self.encoder(self.policy.senses(batch.observations), batch.lengths)
+        read = [self.policy.senses(batch.observations)]
+        areas = None
+        if self.ranks.num_features:
+            read.append(self.ranks(batch.observations))
+            areas = self.ranks.areas(read[-1], batch.mask)
+        return self.encoder(torch.cat(read, dim=-1), batch.lengths, areas)
 
     def loss(self, batch: TrajectoryBatch, kl_weight: float) -> Float[Tensor, ""]:
         """L, in nats per step, with this weight of the KL term."""

@@ -13,7 +13,7 @@ import torch
 
 import tvae
 from tvae.baselines.contract import Lesson, Method
-from tvae.experiments.benchmark.measures import measure
+from tvae.experiments.benchmark.measures import MEASURES, measure
 from tvae.experiments.benchmark.methods import METHODS
 from tvae.experiments.benchmark.stored import as_now, name_of
 from tvae.experiments.benchmark.task import Task
@@ -79,6 +79,7 @@ class BenchmarkCell:
             "most_steps": self.budget.most_steps,
             "episodes": self.budget.episodes_in(TASKS[self.task]),
             "config": hyperparameters(self._made()),
+            "measures": MEASURES,
         }
         found: dict[str, Any] = json.loads(json.dumps(asked))
         return found

@@ -42,13 +42,13 @@ class Ours:
     def learn(self, lesson: Lesson) -> Bots:
         """A bot of each label: of the found styles that bear it, or of any style where none was found for it."""
         read = None if lesson.most_steps is not None else self._finished(lesson.seed)
-        subject, steps = self._trained(lesson) if read is None else (read.subject(), None)
+        subject, steps = self._trained(lesson) if read is None else (read.subject(), _most_steps(self.config))
         bearing = styles_by_label(subject.playstyles, subject.demonstrations) if lesson.labels else {}
         facts: dict[str, Any] = {
             "num_parameters": num_parameters(subject.model),
             "styles_found": len(subject.playstyles),
             "labels_found": len(bearing),
-            **({} if steps is None else {"gradient_steps": steps}),
+            "gradient_steps": steps,
         }
         if read is not None:
             numbers = read.read()
@@ -72,8 +72,10 @@ class Ours:
             return None
 
     def _trained(self, lesson: Lesson) -> tuple[Subject, int]:
-        """The model and its styles, and the gradient steps taken."""
-        config = self.config if lesson.most_steps is None else Effort(lesson.most_steps).config(self.config, 0)
+        """The model and its styles, and the gradient steps taken, of the bound and of the policy alone."""
+        config = self.config
+        if lesson.most_steps is not None:  # of which the policy alone takes as many as the bound
+            config = Effort(max(1, lesson.most_steps // 2)).config(config, 0)
         config = replace(config, seed=lesson.seed)
         with tempfile.TemporaryDirectory() as scratch:
             checkpoint = Path(scratch) / "checkpoint.safetensors"
@@ -83,7 +85,12 @@ class Ours:
         playstyles = find_playstyles(encode(model, lesson.demonstrations), seed=lesson.seed)
         findings = Findings(playstyles, names_of(playstyles, lesson.demonstrations), {})
         subject = Subject(model, lesson.demonstrations, findings, lesson.demonstrations, lesson.seed, episodes=1)
-        return subject, records[-1].step
+        return subject, records[-1].step + config.policy_steps
+
+
+def _most_steps(config: RunConfig) -> int:
+    """Gradient steps of a training that does not end early."""
+    return config.training.num_steps + config.policy_steps
 
 
 def styles_by_label(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[str, list[Style]]:

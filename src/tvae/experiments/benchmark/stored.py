@@ -33,13 +33,14 @@ def asked_of(runs: Runs) -> list[Mapping[str, Any]]:
 
 
 def as_now(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """What was asked of a cell, where a setting of ours that was not there yet has its default.
+    """What was asked of a cell, where a setting that was not there yet has its default.
 
     >>> cell = {"method": "ours", "config": {"task": "zombie", "config": RunConfig().to_json()}}
     >>> del cell["config"]["config"]["policy"]
     >>> as_now(cell)["config"]["config"]["policy"]["num_steps"]
     0
     """
+    asked = {"measures": 1, **asked}
     ours = asked["config"].get("config")
     if ours is None:
         return dict(asked)
@@ -49,8 +50,8 @@ def as_now(asked: Mapping[str, Any]) -> dict[str, Any]:
 def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
     """`CellError` where what was asked of these cells cannot stand in one table.
 
-    All must be learnt within the same most steps, those of a task measured over as many episodes, and those of a method
-    and a task must have the same hyperparameters.
+    All must be learnt within the same most steps and measured by the same measures, those of a task over as many
+    episodes, and those of a method and a task must have the same hyperparameters.
 
     >>> cell = {"method": "flow", "task": "zombie", "most_steps": None, "episodes": 50}
     >>> old, new = {**cell, "seed": 0, "config": {"num_taken": 4}}, {**cell, "seed": 1, "config": {"num_taken": 2}}
@@ -63,7 +64,7 @@ def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
     firsts: dict[tuple[str, ...], Mapping[str, Any]] = {}
     for cell in map(as_now, cells):
         kinds = (
-            ((), {"most_steps": cell["most_steps"]}),
+            ((), {"most_steps": cell["most_steps"], "measures": cell["measures"]}),
             ((cell["task"],), {"episodes": cell["episodes"]}),
             ((cell["task"], cell["method"]), cell["config"]),
         )

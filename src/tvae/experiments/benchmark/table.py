@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.experiments.benchmark.measures import flat
 from tvae.experiments.benchmark.methods import METHODS, Entry
+from tvae.experiments.benchmark.playing import obstacle
 from tvae.experiments.benchmark.stored import Runs
 from tvae.figures.benchmark import Bar
 from tvae.files import appearing
@@ -28,6 +29,7 @@ NOTES = {
 """What a reader must know beside."""
 _WITHOUT_STYLES = (
     ("fit", "trajectory_fit", 2),
+    ("parameters", "num_parameters", 0),
     ("env steps", "env_steps", 0),
     ("training, s", "train_seconds", 0),
     ("ms per action", "ms_per_action", 2),
@@ -78,7 +80,7 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
 """Head, number and decimals of each column."""
 _SHOWN = ("worst_success", "coverage", "at_will.best_coverage")
 """The numbers that the figure shows, as far as a task's table has them."""
-_COSTS = {"env_steps", "train_seconds", "ms_per_action"}
+_COSTS = {"num_parameters", "env_steps", "train_seconds", "ms_per_action"}
 """Told by their means alone."""
 _HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit"}
 
@@ -138,6 +140,7 @@ def markdown(runs: Runs, command: str) -> str:
             seeds = ", ".join(str(run["cell"]["seed"]) for run in runs[task][method])
             said = " | ".join(_said(name, summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
             lines.append(f"| {title(method, summary)} | {_needs(METHODS[method])} | {seeds} | {said} |")
+        lines += _not_run(task, methods)
     return "\n".join(lines) + "\n"
 
 
@@ -170,9 +173,16 @@ def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:
         for cell in cells
         for warning in cell.get("warnings", ())
     ]
-    commits = sorted({cell.get("commit") or "unknown" for cell in cells})
+    made_at = {cell.get("commit") or "unknown" for cell in cells}
+    commits = sorted(made_at | {cell["trained_at_commit"] for cell in cells if "trained_at_commit" in cell})
     several = [f"These cells were made at several commits: {', '.join(commits)}."] if len(commits) > 1 else []
     return [line for remark in (*several, *warned) for line in ("", remark)]
+
+
+def _not_run(task: str, methods: Container[str]) -> list[str]:
+    """Which methods could play a task, but have no cell there."""
+    missing = [entry.title for name, entry in METHODS.items() if name not in methods and obstacle(name, task) is None]
+    return ["", f"Not run: {', '.join(missing)}."] if missing else []
 
 
 def _needs(entry: Entry) -> str:
