@@ -9,6 +9,7 @@ decimals; `%m` and `2m` leave the interval out. With --check nothing is written.
 be filled, and with --check where a number is not that of results/.
 """
 
+import argparse
 import json
 import re
 import sys
@@ -92,4 +93,6 @@ def main(*, check: bool) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(check="--check" in sys.argv))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="write nothing, and say where a number is another one")
+    sys.exit(main(check=parser.parse_args().check))

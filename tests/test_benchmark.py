@@ -19,10 +19,11 @@ from tvae.envs.circle import ConstantTurn, circle_demonstrations
 from tvae.envs.navigation import navigation_demonstrations
 from tvae.envs.zombie import StraightWalk, StraightWalkAttacking, zombie_demonstrations
 from tvae.errors import TvaeError
+from tvae.evaluate.statistics import EpisodeStatistics
 from tvae.experiments.benchmark import benchmark as module
 from tvae.experiments.benchmark.benchmark import Plan, benchmark, write
 from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
-from tvae.experiments.benchmark.measures import entropy, measure, play, trajectory_fit
+from tvae.experiments.benchmark.measures import MEASURES, entropy, measure, play, trajectory_fit
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError
 from tvae.experiments.reproduction.studies import STUDIES
@@ -107,6 +108,14 @@ def test_trajectory_fit_by_hand():
     assert 0 < trajectory_fit(near, demonstrations) < trajectory_fit(far, demonstrations) < 2
 
 
+def test_the_fit_knows_nothing_of_sides():
+    demonstrations = zombie_demonstrations(60)
+    mirrored = replace(demonstrations, actions=demonstrations.actions * np.array([1.0, -1.0]))
+    sides = [name for name in EpisodeStatistics.of(demonstrations).names if name.endswith((".net turn", ".positive"))]
+    assert sides
+    assert trajectory_fit(mirrored, demonstrations) == pytest.approx(0, abs=1e-9)
+
+
 # Cells and files
 
 
@@ -136,6 +145,7 @@ def test_a_cell_is_made_once_and_keeps_its_budget(plan: Plan, monkeypatch: pytes
         "most_steps": 2,
         "episodes": 20,
         "config": {},
+        "measures": MEASURES,
     }
     assert cell["env_steps"] == 0
     assert cell["train_seconds"] >= 0

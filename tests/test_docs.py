@@ -15,6 +15,7 @@ import pytest
 from nbclient import NotebookClient
 
 import tvae
+from tvae import cli
 from tvae.cli import main
 from tvae.experiments.benchmark.table import COLUMNS
 
@@ -55,6 +56,13 @@ def test_commands_exist(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
         said = capsys.readouterr().out
         for option in (word for word in words if word.startswith("--")):
             assert option in said, f"{page.name}: {line}"
+
+
+def test_every_command_has_its_example_on_the_page() -> None:
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    for group, verb, told, example in cli._VERBS:
+        name = f"tvae data {verb}" if group is not cli.app else f"tvae {verb}"
+        assert f"## {name}\n\n{told}\n\n```\n{example}\n```\n" in page
 
 
 def test_links_lead_somewhere() -> None:

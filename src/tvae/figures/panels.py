@@ -211,8 +211,12 @@ def draw_band(axes: Axes, x: FloatArray, band: Band, *, colour: str, line: LineS
     return mean
 
 
-def above(figure: Figure, handles: Sequence[Artist], *, columns: int | None = None) -> Legend:
+def above(
+    figure: Figure, handles: Sequence[Artist], *, columns: int | None = None, handlelength: float = 2.0
+) -> Legend:
     """A legend of these handles above all panels, in one row unless `columns` says how many stand in a row.
+
+    A `handlelength`, in letters, of 3.5 shows how a line is dashed.
 
     >>> [text.get_text() for text in above(Figure(), style_handles(["attack"], [0])).get_texts()]
     ['attack']
@@ -224,7 +228,7 @@ def above(figure: Figure, handles: Sequence[Artist], *, columns: int | None = No
         frameon=False,
         fontsize=SMALL_TEXT_SIZE,
         labelcolor=INK,
-        handlelength=2.0,
+        handlelength=handlelength,
         handletextpad=0.5,
         columnspacing=1.4,
         borderaxespad=0.1,

@@ -68,7 +68,7 @@ def windows(
                 (star,) = axes.plot(lengths.index(bot.window), bot.success)
                 _as_star(star)
         _frame(axes, lengths)
-    above(figure, _handles(names[0], bots))
+    above(figure, _handles(names[0], bots), handlelength=3.5)
     return figure
 
 

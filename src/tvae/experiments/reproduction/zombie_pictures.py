@@ -95,7 +95,11 @@ def _outcomes(subject: Subject) -> Picture:
 
 def draw_across(runs: Runs) -> list[Picture]:
     """Figure 8, from all seeds: trained on whole episodes (ours and the paper's reading) and on windows."""
-    curves = {"windows of 4 steps": "default", "whole episodes": "whole_episodes", "the paper's reading": "paper"}
+    curves = {
+        "ours: windows of 4 steps": "default",
+        "ours: whole episodes": "whole_episodes",
+        "the paper's reading": "paper",
+    }
     found = {name: runs[preset] for name, preset in curves.items() if runs.get(preset)}
     bands: dict[str, dict[str, Band]] = {label: {} for label in LABELS}
     tables = []
