@@ -418,3 +418,5 @@ def test_nothing_is_held_out_where_nothing_is_to_be():
 def test_a_missing_extra_is_said():
     with pytest.raises(TvaeError, match=r"pip install 'tvae\[gail\]'"):
         from_extra("tvae_has_no_such_module", "GAIL", "gail")("zombie", Path())
+    with pytest.raises(ModuleNotFoundError, match=r"No module named 'tvae\.baselines\.gial'"):
+        from_extra("tvae.baselines.gial", "GAIL", "gail")("zombie", Path())

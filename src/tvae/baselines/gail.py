@@ -12,7 +12,8 @@ GAIL has no code. At will, InfoGAIL draws one for each episode; it is asked for 
 demonstrations that carry its label, for each the one that is most likely by Q over all of its steps. Deviations: PPO
 instead of TRPO; f itself as the reward, which favours neither long nor short episodes (Fu et al. 2018); the gradient
 penalty, between own and demonstrated moments (after Gulrajani et al. 2017, but towards 0); all demonstrations count
-alike, however long; log K Q is at least -3.
+alike, however long; log K Q is at least -3; and InfoGAIL's policy starts at the middle of the demonstrated
+actions, where the source's is cloned first.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Behavioural cloning that is told the true label: cloning as it could be if the styles were found without fault.
 
 Source: goal- and label-conditioned imitation, as in Codevilla et al., "End-to-end driving via conditional imitation
-learning" (ICRA 2018, arXiv 1710.02410). pi(a_t | s_1:t, c), c the label as one of K. Not a rival: no other method but
-the demonstrators and DAgger sees labels. Not a bound either: ours has events, windows and more steps.
+learning" (ICRA 2018, arXiv 1710.02410). pi(a_t | s_1:t, c), c the label as one of K. Not a rival: labels teach no
+other method but DAgger. Not a bound either: ours has events, windows, and a training of another length.
 """
 
 from __future__ import annotations

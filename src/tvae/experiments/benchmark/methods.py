@@ -76,6 +76,8 @@ def from_extra(module: str, name: str, extra: str, **hyperparameters: Any) -> Ma
         try:
             found: Method = getattr(import_module(module), name)(**hyperparameters)
         except ImportError as error:
+            if (error.name or "").startswith("tvae."):
+                raise
             raise TvaeError(f"{name} needs an extra: pip install 'tvae[{extra}]' ({error})") from error
         return found
 

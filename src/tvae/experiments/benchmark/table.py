@@ -119,7 +119,7 @@ def markdown(runs: Runs, command: str) -> str:
         "# Benchmark",
         "",
         "Means with 95 % intervals (Student's t) over the seeds that a row names; none where there is one seed, or",
-        "where all show the same digits, and none of steps and times.",
+        "where all show the same digits, and none of steps, sizes and times. Ends may lie outside of what is possible.",
         f"The same demonstrations and worlds for all.{limit}",
         "`docs/benchmark.md` says what each number means. Last added to by:",
         "",
