@@ -19,6 +19,7 @@ _BUCKETS_PER_POOL = 16
 _STEPS_PER_BATCH = 3_200
 _FEWEST, _MOST = 32, 64
 _MOST_PADDED_STEPS = 1 << 16
+"""In a batch of several trajectories."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +83,13 @@ def evenly(demonstrations: Demonstrations, most_steps: int) -> Demonstrations:
 def suitable_batch_size(lengths: IntArray) -> int:
     """How many trajectories of these lengths (E,) have 3,200 steps together; at least 32 and at most 64.
 
-    >>> [suitable_batch_size(np.full(9, length)) for length in (10, 80, 500)]
-    [64, 40, 32]
+    Of trajectories so long that 32 have more than 65,536 steps it is as many as have those, so that memory suffices.
+
+    >>> [suitable_batch_size(np.full(9, length)) for length in (10, 80, 500, 20_000)]
+    [64, 40, 32, 3]
     """
-    return int(np.clip(round(_STEPS_PER_BATCH / lengths.mean()), _FEWEST, _MOST))
+    fewest = np.clip(_MOST_PADDED_STEPS // lengths.mean(), 1, _FEWEST)
+    return int(np.clip(round(_STEPS_PER_BATCH / lengths.mean()), fewest, _MOST))
 
 
 def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntArray]:
