@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,19 @@ def test_the_step_is_what_a_bot_does(exported: tuple[tvae.TrajectoryVAE, Export]
         acted = bot.act(given_["observation"].astype(np.float64))
         assert differences(step.outputs[0], found["action"], acted.astype(np.float32)).max() < 1e-4
         given_ |= carried(found)
+
+
+def test_a_positive_signal_may_reach_zero(tmp_path: Path) -> None:
+    walks = noise([5, 8, 3, 12], observation_space=Space((Continuous("range"), Continuous("x"))))
+    walks = replace(walks, observations=np.abs(walks.observations) * [1.0, -1.0] + [0.5, 0.0])
+    model = untrained(walks)
+    assert (model.perception.log_scale > 0).tolist() == [True, False]
+    export_onnx(model, tmp_path / "model")
+    step, run = PolicyStep(model), open_session(tmp_path / "model" / "policy_step.onnx")
+    given_ = {port.name: draw(model, port, np.random.default_rng(0), 4, 1) for port in step.inputs}
+    given_["observation"] = np.array([[0.0, -1.0], [-9.0, -1.0], [1e-9, -1.0], [0.6, -1.0]], dtype=np.float32)
+    for name, values in in_torch(step)(given_).items():
+        np.testing.assert_allclose(run(given_)[name], values, atol=1e-5)
 
 
 def test_every_engine_has_every_operator(exported: tuple[tvae.TrajectoryVAE, Export]) -> None:
