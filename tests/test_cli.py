@@ -22,6 +22,7 @@ from safetensors.torch import load_file
 
 import tvae
 from commands import call, refused
+from toys import two_styles
 from tvae.cli.options import CONSOLE
 from tvae.data.batches import suitable_batch_size
 from tvae.envs.navigation import navigation_demonstrations
@@ -391,6 +392,93 @@ def test_an_environment_that_does_not_fit_is_refused_in_words(
     assert "4 signals against 2" in said
     assert "Nowhere" in refused(capsys, "rollout", run, "--env", "Nowhere-v3", "--out", tmp_path / "x.parquet")
     assert not (tmp_path / "x.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--model.window", "0"], "model.window must be at least 1, got 0"),
+        (["--model.latent-features", "-1"], "model.latent_features must be at least 0, got -1"),
+        (["--model.dropout", "1.5"], "model.dropout must be at least 0 and below 1, got 1.5"),
+        (["--training.batch-size", "0"], "training.batch_size must be at least 1, got 0"),
+        (["--training.learning-rate", "nan"], "training.learning_rate must be above 0, got nan"),
+        (["--training.clip", "0"], "training.clip must be above 0, got 0.0"),
+        (["--training.held-out", "0"], "training.held_out must lie between 0 and 1, got 0.0"),
+        (["--policy.num-steps", "-1"], "policy.num_steps must be at least 0, got -1"),
+        (["--policy.learning-rate", "-1"], "policy.learning_rate must be above 0, got -1.0"),
+        (["--segment", "0"], "segments need at least 1 step, got 0"),
+    ],
+)
+def test_a_training_that_cannot_be_leaves_an_older_run_alone(
+    run: Path, table: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+    assert said in refused(capsys, "fit", table, "--out", run, "--force", *options)
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
+
+
+def test_directories_of_others_are_left_alone(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app = tmp_path / "app"
+    app.mkdir()
+    (app / "config.json").write_text('{"name": "my app"}')
+    said = refused(capsys, "fit", table, "--out", app, "--force", *SMALL)
+    assert "app is not a run directory (no config.json of a run), so --force leaves it alone" in said
+    assert (app / "config.json").read_text() == '{"name": "my app"}'
+    mine = tmp_path / "run"
+    shutil.copytree(run, mine)
+    shutil.copy(table, mine / "zombie.parquet")
+    said = refused(capsys, "fit", mine / "zombie.parquet", "--out", mine, "--force", *SMALL)
+    assert "holds what is to be read" in said
+    assert (mine / "zombie.parquet").exists()
+    said = refused(capsys, "embed", run, "--out", app, "--force")
+    assert "app is a directory, and a file cannot take its place; choose another name" in said
+    assert [path.name for path in app.iterdir()] == ["config.json"]
+
+
+def test_a_run_whose_data_changed_says_so(table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data, run = tmp_path / "walks.parquet", tmp_path / "run"
+    walks = two_styles(20)
+    tvae.save_demonstrations(walks, data)
+    small = ["--training.num-steps", "5", "--policy.num-steps", "0", "--model.hidden-features", "8"]
+    call("fit", data, "--out", run, "--device", "cpu", *small)
+    call("generate", run, "--episodes", "2", "--out", tmp_path / "before.parquet")
+    turned = walks.select(np.roll(np.arange(20), 1))
+    tvae.save_demonstrations(turned, data, overwrite=True)
+    for command in (
+        ["generate", run, "--episodes", "2", "--out", tmp_path / "after.parquet"],
+        ["report", run],
+        ["evaluate", run],
+        ["fit", "--resume", "--out", run],
+        ["styles", run, "--join", "0", "0"],
+    ):
+        said = refused(capsys, *command)
+        assert "has changed since" in said or "--join needs two styles" in said
+    assert not (tmp_path / "after.parquet").exists()
+    tvae.save_demonstrations(walks, data, overwrite=True)
+    call("report", run)
+
+
+def test_an_environment_of_ones_own_is_imported_only_when_named(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mygame.py").write_text(
+        "import gymnasium\n"
+        "gymnasium.register('Mine-v0', entry_point='tvae.envs.zombie:ZombieAttackEnv')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    call("rollout", run, "--env", "mygame:Mine-v0", "--episodes", "2", "--out", tmp_path / "bot.parquet")
+    assert len(tvae.load_demonstrations(tmp_path / "bot.parquet")) == 2
+    said = refused(capsys, "rollout", run, "--env", "nothing:Mine-v0", "--out", tmp_path / "no.parquet")
+    assert "the environment nothing:Mine-v0 needs the module nothing" in said
+    mine = tmp_path / "run"
+    shutil.copytree(run, mine)
+    config = json.loads((mine / "config.json").read_text())
+    config["run"]["arena"]["env"] = "evilmod:Mine-v0"
+    (mine / "config.json").write_text(json.dumps(config))
+    said = refused(capsys, "rollout", mine, "--out", tmp_path / "no.parquet")
+    assert "evilmod:Mine-v0 is code of its own; say that it may run: --env evilmod:Mine-v0" in said
 
 
 def test_what_is_asked_of_a_run_must_be_there(

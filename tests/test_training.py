@@ -638,10 +638,10 @@ def test_a_checkpoint_of_other_demonstrations_is_refused(
     walks: tuple[Demonstrations, Demonstrations], checkpoint: Path
 ):
     fewer = (walks[0][:50], walks[1])
-    with pytest.raises(CheckpointError, match=r"180 episodes of 1800 steps \(SHA-256 \w{12}\) \(now 50 episodes"):
+    with pytest.raises(CheckpointError, match=r"180 episodes, 1800 steps \(SHA-256 \w{12}\) \(now 50 episodes"):
         trained(untrained(walks[0]), fewer, num_steps=2, checkpoint=checkpoint)
     others = two_styles(200, seed=1).split(0.1, seed=0)
-    with pytest.raises(CheckpointError, match=r"1800 steps \(SHA-256 \w{12}\) \(now 180 episodes of 1800 steps"):
+    with pytest.raises(CheckpointError, match=r"1800 steps \(SHA-256 \w{12}\) \(now 180 episodes, 1800 steps"):
         trained(untrained(others[0]), others, num_steps=2, checkpoint=checkpoint)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar, cast
@@ -94,6 +95,33 @@ class PolicyConfig:
     """Of AdamW, at the start."""
 
 
+_AT_LEAST = {
+    0: ("seed", "model.latent_features", "training.state_weight", "policy.num_steps"),
+    1: (
+        "model.hidden_features",
+        "model.policy_features",
+        "model.window",
+        "model.action_components",
+        "model.state_components",
+        "model.prior_components",
+        "model.horizon",
+        "training.num_steps",
+        "training.batch_size",
+        "training.shortest_window",
+        "training.evaluate_every",
+        "training.patience",
+        "policy.batch_size",
+    ),
+}
+_POSITIVE = (
+    "model.state_floor",
+    "model.action_floor",
+    "training.learning_rate",
+    "training.clip",
+    "policy.learning_rate",
+)
+
+
 @dataclass(frozen=True)
 class RunConfig:
     """A whole run."""
@@ -114,6 +142,30 @@ class RunConfig:
         """
         asked = self.policy.num_steps
         return min(self.training.num_steps, MOST_POLICY_STEPS) if asked is None else asked
+
+    def check(self) -> None:
+        """Raise `ValueError` for a number that is not in its range.
+
+        >>> RunConfig(training=TrainingConfig(patience=0)).check()
+        Traceback (most recent call last):
+        ValueError: training.patience must be at least 1, got 0
+        """
+        values = {"seed": self.seed} | {
+            f"{part}.{name}": value
+            for part, settings in (("model", self.model), ("training", self.training), ("policy", self.policy))
+            for name, value in asdict(settings).items()
+        }
+        for least, names in _AT_LEAST.items():
+            for name in names:
+                if values[name] is not None and not least <= values[name] < math.inf:
+                    raise ValueError(f"{name} must be at least {least}, got {values[name]}")
+        for name in _POSITIVE:
+            if not 0 < values[name] < math.inf:
+                raise ValueError(f"{name} must be above 0, got {values[name]}")
+        if not 0 <= self.model.dropout < 1:
+            raise ValueError(f"model.dropout must be at least 0 and below 1, got {self.model.dropout}")
+        if not 0 < self.training.held_out < 1:
+            raise ValueError(f"training.held_out must lie between 0 and 1, got {self.training.held_out}")
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a JSON file."""

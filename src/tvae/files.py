@@ -15,7 +15,8 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
 
     It may be a file or a directory. If the block raises, nothing is left behind and an older `path` stays.
 
-    Raises `FileExistsError` where `path` exists and `overwrite` is False.
+    Raises `FileExistsError` where `path` exists and `overwrite` is False, and where it is a directory and a file should
+    replace it, or the other way round: what lies in a directory is never lost to a file.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "numbers.txt"
@@ -26,6 +27,8 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     """
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} exists already")
+    if not path.name:
+        raise FileExistsError(f"{path} is a directory; a name in it is needed")
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     _remove(partial)
@@ -33,6 +36,9 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
         yield partial
         if partial.is_file():
             partial.chmod(_usual_mode())  # some writers make files that only their owner can read
+        if path.exists() and path.is_dir() != partial.is_dir():
+            kinds = ("a directory", "a file") if path.is_dir() else ("a file", "a directory")
+            raise FileExistsError(f"{path} is {kinds[0]}, and {kinds[1]} cannot take its place; choose another name")
         if path.is_dir():
             older = path.with_name(f".{path.name}.{os.getpid()}.older")
             _remove(older)

@@ -10,6 +10,7 @@ from pathlib import Path
 from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, Styles, choice_of
 from tvae.data.sources import save_demonstrations
 from tvae.errors import TvaeError
+from tvae.experiments.fitting import demonstrations_of
 from tvae.experiments.using import act, open_run
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.restless import Restless
@@ -61,7 +62,7 @@ def rollout(
     if restless:
         if most_likely:
             raise TvaeError("--most-likely draws nothing, so that --restless cannot try something else")
-        recorded = opened.about.source.load()
+        recorded = demonstrations_of(opened.directory)
         bot = partial(
             Restless, opened.model, demonstrations=recorded, temperature=temperature or 1.0, window=window
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,7 @@ from scipy.stats import binomtest
 
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.sources import save_demonstrations
+from tvae.errors import TvaeError
 from tvae.evaluate.keeping import style_consistency
 from tvae.evaluate.likelihood import mean_interval
 from tvae.experiments.arenas import Arena, knowledge_of
@@ -34,10 +36,19 @@ _COPIES_OF_SLOW_ENVIRONMENTS = 20
 
 
 def vector_env(arena: Arena) -> VectorEnv[Any, Any, Any]:
-    """Copies of an environment: a thousand where it steps them together, else a handful one after another."""
-    spec = gymnasium.spec(arena.env)
+    """Copies of an environment: a thousand where it steps them together, else a handful one after another.
+
+    Raises `TvaeError` where a module before the colon is not there.
+    """
+    module, _, name = arena.env.rpartition(":")
+    if module:
+        try:
+            import_module(module)
+        except ModuleNotFoundError as error:
+            raise TvaeError(f"the environment {arena.env} needs the module {module}: {error}") from error
+    spec = gymnasium.spec(name)
     copies = _MOST_COPIES if spec.vector_entry_point is not None else _COPIES_OF_SLOW_ENVIRONMENTS
-    return gymnasium.make_vec(arena.env, num_envs=min(copies, arena.episodes), **arena.options)
+    return gymnasium.make_vec(name, num_envs=min(copies, arena.episodes), **arena.options)
 
 
 def check_arena(arena: Arena, observation_space: Space, action_space: Space) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from tvae.evaluate.likelihood import importance_weighted_bound, paired_difference
-from tvae.experiments.fitting import split, trained, update_metrics
+from tvae.experiments.fitting import demonstrations_of, split, trained, update_metrics
 from tvae.experiments.progress import watching
 from tvae.experiments.using import FinishedRun
 
@@ -23,7 +23,7 @@ def compare_without_latent(
     counts the divergence from the prior, so that z must pay for what it tells.
     """
     about = run.about
-    demonstrations = about.source.load()
+    demonstrations = demonstrations_of(run.directory)
     _, held_out = split(demonstrations, about.config)
     config = replace(about.config, model=replace(about.config.model, latent_features=0))
     directory = run.directory.path / "without_latent"

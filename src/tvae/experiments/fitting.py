@@ -17,6 +17,7 @@ import tvae
 from tvae.config import RunConfig, TrainingConfig
 from tvae.data.batches import evenly, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.identity import identity
 from tvae.experiments.arenas import Arena
 from tvae.experiments.progress import together, watching
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
@@ -51,7 +52,11 @@ def begin(run: RunDirectory, demonstrations: Demonstrations, about: About) -> No
     facts = {
         "tvae": tvae.__version__,
         "torch": torch.__version__,
-        "demonstrations": {"episodes": len(demonstrations), "steps": demonstrations.num_steps},
+        "demonstrations": {
+            "episodes": len(demonstrations),
+            "steps": demonstrations.num_steps,
+            "identity": identity(demonstrations),
+        },
     }
     write_json(run.config, {**model.description(), "run": {**asdict(about), **facts}})
 
@@ -72,6 +77,23 @@ def about_run(run: RunDirectory) -> About:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise RunDirectoryError(f"{run.config} does not describe a run of this version: {error}") from error
+
+
+def demonstrations_of(run: RunDirectory) -> Demonstrations:
+    """The demonstrations that a run was fitted to, read again.
+
+    Raises `RunDirectoryError` where they are no longer the same: its styles, its test episodes and what it held out are
+    of those that it knew.
+    """
+    source, known = about_run(run).source, read_json(run.config)["run"].get("demonstrations", {})
+    demonstrations = source.load()
+    there = identity(demonstrations)
+    if known.get("identity", there) != there:
+        raise RunDirectoryError(
+            f"{source.path} has changed since {run.path} was fitted to it: it had {known['identity']}, "
+            f"and has {there}. Put back what was there, or fit anew"
+        )
+    return demonstrations
 
 
 def split(demonstrations: Demonstrations, config: RunConfig) -> tuple[Demonstrations, Demonstrations]:

@@ -12,7 +12,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.analysis import analyse
 from tvae.experiments.bots import try_bots
 from tvae.experiments.findings import Findings
-from tvae.experiments.fitting import update_metrics
+from tvae.experiments.fitting import demonstrations_of, update_metrics
 from tvae.experiments.parallel import named_again
 from tvae.experiments.reporting import write_report
 from tvae.experiments.run_directory import read_json
@@ -42,7 +42,7 @@ def rejoin(
     code of its own and `env` does not name it.
     """
     arena = None if run.about.arena is None else named_again(run.about.arena, env)
-    demonstrations = run.about.source.load()
+    demonstrations = demonstrations_of(run.directory)
     config = run.about.config
     findings = analyse(run.directory, run.model, demonstrations, config, joined=groups, console=console)
     update_metrics(run.directory, {}, dropping=_of_styles(read_json(run.directory.metrics), run.findings))

@@ -38,10 +38,10 @@ def is_parallel(env: str) -> bool:
 
 
 def named_again(stored: Arena, env: str | None) -> Arena:
-    """The environment that a run directory names, where that is no import path or `env` says the same.
+    """The environment that a run directory names, where that imports no module by name or `env` says the same.
 
-    What lies at an import path is called, and a run directory may come from anyone: what it says must not decide what
-    code runs. `TvaeError` otherwise.
+    What is before a colon is imported, and a run directory may come from anyone: what it says must not decide what code
+    runs. `TvaeError` otherwise.
 
     >>> named_again(Arena("CartPole-v1"), None).env
     'CartPole-v1'
@@ -51,7 +51,7 @@ def named_again(stored: Arena, env: str | None) -> Arena:
     ...     print(error)
     the run's environment my_game:Arena is code of its own; say that it may run: --env my_game:Arena
     """
-    if is_parallel(stored.env) and env != stored.env:
+    if ":" in stored.env and env != stored.env:
         raise TvaeError(
             f"the run's environment {stored.env} is code of its own; say that it may run: --env {stored.env}"
         )

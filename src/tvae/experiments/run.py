@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -20,7 +20,16 @@ from tvae.experiments.analysis import analyse
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import check_arena, try_bots
 from tvae.experiments.findings import Findings
-from tvae.experiments.fitting import About, about_run, begin, fit_run, penalties_of, schedule_of, split
+from tvae.experiments.fitting import (
+    About,
+    about_run,
+    begin,
+    demonstrations_of,
+    fit_run,
+    penalties_of,
+    schedule_of,
+    split,
+)
 from tvae.experiments.parallel import named_again
 from tvae.experiments.recipe import Recipe
 from tvae.experiments.remedies import doubts, hinted
@@ -29,6 +38,7 @@ from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
 from tvae.experiments.tracking import Tracker
+from tvae.fitting.fit import new_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +67,8 @@ def new_run(
     _check(demonstrations, config, device)
     if arena is not None:
         check_arena(arena, demonstrations.observation_space, demonstrations.action_space)
+    if Path(source.path).is_relative_to(out.absolute()):
+        raise TvaeError(f"{out} holds what is to be read, {source.path}; choose another --out")
     run = RunDirectory.create(out, force=force)
     begin(run, demonstrations, About(config, source, arena, out.name, tuple(command)))
     return Begun(run, demonstrations, tuple(hints(demonstrations, decided)))
@@ -79,16 +91,21 @@ def resumed_run(out: Path, env: str | None = None) -> Begun:
     about = about_run(run)
     if about.arena is not None:
         named_again(about.arena, env)
-    return Begun(run, about.source.load())
+    return Begun(run, demonstrations_of(run))
 
 
 def _check(demonstrations: Demonstrations, config: RunConfig, device: str) -> None:
+    """Raise `TvaeError` for a training that cannot be, before anything of it is written."""
     resolve_device(device)
-    split(demonstrations, config)
     try:
+        config.check()
+        split(demonstrations, config)
         schedule_of(config.training)
         penalties_of(config.training)
-    except ValueError as error:
+        new_model(demonstrations, seed=config.seed, device="cpu", **asdict(config.model))
+    except TvaeError:
+        raise
+    except (ValueError, RuntimeError) as error:
         raise TvaeError(f"this training cannot be: {error}") from error
 
 

@@ -84,7 +84,7 @@ class RunDirectory:
     def create(cls, path: Path, *, force: bool) -> RunDirectory:
         """A new directory; one that exists is refused, or with `force` emptied if it is a run's.
 
-        Raises `RunDirectoryError` if it exists, or holds something that no run wrote.
+        Raises `RunDirectoryError` if it exists, or is no run's.
         """
         if path.exists() and any(path.iterdir() if path.is_dir() else [path]):
             if not force:
@@ -92,8 +92,10 @@ class RunDirectory:
                     f"{path} exists already; choose another --out, continue it with --resume, "
                     "or replace it with --force"
                 )
-            if not (path / "config.json").is_file():
-                raise RunDirectoryError(f"{path} is not a run directory (no config.json), so --force leaves it alone")
+            if not _is_run(path):
+                raise RunDirectoryError(
+                    f"{path} is not a run directory (no config.json of a run), so --force leaves it alone"
+                )
             shutil.rmtree(path)
         path.mkdir(parents=True, exist_ok=True)
         return cls(path)
@@ -104,6 +106,15 @@ class RunDirectory:
         if not (path / "config.json").is_file():
             raise RunDirectoryError(f"{path} is not a run directory: it has no config.json")
         return cls(path)
+
+
+def _is_run(path: Path) -> bool:
+    """Whether a run began in this directory; other programs have a `config.json` too."""
+    try:
+        there = json.loads((path / "config.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(there, dict) and there.get("format") == "tvae-model" and "run" in there
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -113,6 +113,8 @@ class Reading:
         """The segments that are asked for. Raises `DataError` where there is more than one way to cut."""
         if sum(way is not None for way in (self.segment, self.segment_by, self.segment_at)) > 1:
             raise DataError("recordings are cut one way: --segment, --segment-by or --segment-at, not several")
+        if self.segment is not None and self.segment < 1:
+            raise DataError(f"segments need at least 1 step, got {self.segment} (--segment)")
         if self.segment_by is not None:
             return segment_by_column(demonstrations, self.segment_by)
         if self.segment_at is not None:

@@ -19,7 +19,7 @@ from tvae.experiments.analysis import likelihood_per_step, styles_table, write_t
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
 from tvae.experiments.findings import Findings
-from tvae.experiments.fitting import About, about_run
+from tvae.experiments.fitting import About, about_run, demonstrations_of
 from tvae.experiments.parallel import named_again
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
@@ -78,7 +78,7 @@ def imagine_style(
     run: FinishedRun, styles: Sequence[str], num_episodes: int, *, choice: Choice, window: int | None, seed: int
 ) -> Demonstrations:
     """Episodes of a style, or of several, that the decoders imagine, from first observations of its demonstrations."""
-    demonstrations = run.about.source.load()
+    demonstrations = demonstrations_of(run.directory)
     chosen = run.findings.several(styles)
     rng = np.random.default_rng(seed)
     members = np.flatnonzero(np.isin(run.findings.playstyles.assignment, [style.index for style in chosen]))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +20,7 @@ from tvae.data.batches import (
     suitable_batch_size,
 )
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.identity import identity
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.elbo import Elbo, elbo
@@ -37,7 +36,6 @@ from tvae.train.schedules import KLSchedule
 
 MOST_JUDGED_STEPS = 100_000
 """Held-out steps by which weights are judged; of more, evenly spaced episodes."""
-_MOST_DIGESTED_STEPS = 20_000
 _WINDOW_CHOSEN = 0.6
 """Share of the training after which the policy's window is chosen."""
 
@@ -143,8 +141,8 @@ def train(
         "patience": patience,
         "seed": seed,
         **{f"model.{name}": value for name, value in model.arguments.items()},
-        "demonstrations": _identity(demonstrations),
-        "held-out demonstrations": _identity(held_out),
+        "demonstrations": identity(demonstrations),
+        "held-out demonstrations": identity(held_out),
     }
     if penalties:
         settings["penalties"] = tuple(penalties)
@@ -288,18 +286,6 @@ def _finite(held_out: Terms, step: int) -> Terms:
             "Look for extreme values in the demonstrations."
         )
     return held_out
-
-
-def _identity(demonstrations: Demonstrations) -> str:
-    """What tells these demonstrations from others: their sizes, and a digest of lengths, signals and some episodes."""
-    spaces = demonstrations.observation_space, demonstrations.action_space
-    digest = hashlib.sha256(json.dumps([space.to_json() for space in spaces]).encode())
-    digest.update(demonstrations.lengths.tobytes())
-    for episode in evenly(demonstrations, _MOST_DIGESTED_STEPS):
-        digest.update(np.ascontiguousarray(episode.observations).tobytes())
-        digest.update(np.ascontiguousarray(episode.actions).tobytes())
-    sizes = f"{len(demonstrations)} episodes of {demonstrations.num_steps} steps"
-    return f"{sizes} (SHA-256 {digest.hexdigest()[:12]})"
 
 
 def _judge(progress: Progress, record: Record, last_kl: float, settled: float, state_weight: float) -> Progress:
