@@ -17,7 +17,9 @@ from hypothesis import given, settings
 from data_strategies import assert_same, demonstrations, quick
 from tvae.data.arrays import from_arrays
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.preparation import Preparation
+from tvae.data.estimates import hold_last
+from tvae.data.preparation import Clock, Preparation
+from tvae.data.roles import Roles
 from tvae.data.sources import load_demonstrations, save_demonstrations
 from tvae.data.trajectory import DataError
 from tvae.data.validation import validate
@@ -189,6 +191,74 @@ def test_files_that_do_not_fit_together(tmp_path: Path) -> None:
         save_demonstrations(load_demonstrations(table, angular=kind), tmp_path / f"{name}.parquet")
     with pytest.raises(DataError, match=r"2\.parquet: actions differ from those of .*1\.parquet: signal 0 is"):
         load_demonstrations(str(tmp_path / "*.parquet"))
+
+
+TWICE = "episode,step,observation.x,observation.x,action.a\n0,0,1.5,2.5,0.5\n"
+
+
+def test_columns_that_are_there_twice(tmp_path: Path) -> None:
+    first, second = tmp_path / "1.csv", tmp_path / "2.csv"
+    first.write_text(TWICE)
+    second.write_text(TWICE.replace("\n0,", "\n1,"))
+    with pytest.raises(DataError, match=r"1\.csv: column observation\.x: is there 2 times$"):
+        load_demonstrations(tmp_path)
+    first.write_text("episode,step,observation.x,observation.y,action.a\n0,0,1.5,2.5,0.5\n")
+    with pytest.raises(DataError, match=r"2\.csv: column observation\.x: is there 2 times$"):
+        load_demonstrations(tmp_path)
+    (issue,) = validate(second, preparation=Preparation(columns=("observation", "action")))
+    assert str(issue) == "column observation.x: is there 2 times"
+    second.write_text("episode,step,note,note,observation.x,action.a\n0,0,a,b,1.5,0.5\n")
+    kept = load_demonstrations(second, preparation=Preparation(columns=("observation.x", "action")))
+    assert kept.observations.tolist() == [[1.5]]
+
+
+def days(directory: Path, *starts: float, player: str = "") -> Path:
+    """A file a day with the episodes 0 and 1 at three times each."""
+    for day, start in enumerate(starts, 1):
+        rows = [f"{e},{player}{day},{start + t},{t}.5,0.5\n" for e in range(2) for t in range(3)]
+        (directory / f"day{day}.csv").write_text("".join(["episode,player,t,observation.x,action.a\n", *rows]))
+    return directory
+
+
+@pytest.mark.parametrize("rule", [None, hold_last])
+def test_by_a_clock_an_episode_goes_on_later(tmp_path: Path, rule: Any) -> None:
+    clock = Preparation(clock=Clock("t", resample=rule), roles=Roles(ignored=("player",)))
+    assert load_demonstrations(days(tmp_path, 0, 3), preparation=clock).lengths.tolist() == [6, 6]
+    said = r"day2\.csv: episode 0 is in .*day1\.csv too, at the same times \(t\); different episodes need different nam"
+    for start in (0, 0.5, 2, -2):
+        with pytest.raises(DataError, match=said):
+            load_demonstrations(days(tmp_path, 0, start), preparation=clock)
+    with pytest.raises(DataError, match=r"day3\.csv: episode 0 is in .*day1\.csv too"):
+        load_demonstrations(days(tmp_path, 0, 6, 1), preparation=clock)
+    dates = pd.read_csv(tmp_path / "day1.csv")
+    for day, first in ((1, "2026-01-01 10:00:00"), (2, "2026-01-01 10:00:01.5"), (3, "2026-01-02")):
+        dates.assign(t=pd.Timestamp(first) + pd.to_timedelta(dates.t, "s")).to_csv(tmp_path / f"day{day}.csv")
+    with pytest.raises(DataError, match=said):
+        load_demonstrations(tmp_path, preparation=clock)
+
+
+def test_a_file_for_each_player(tmp_path: Path) -> None:
+    by_time = Preparation(player="player", clock=Clock("t"))
+    kept = load_demonstrations(days(tmp_path, 0, 0), preparation=by_time)
+    assert sorted(kept.attributes["episode"].tolist()) == ["0/1", "0/2", "1/1", "1/2"]
+    by_step = Preparation(player="player", roles=Roles(step="t"))
+    assert load_demonstrations(tmp_path, preparation=by_step).lengths.tolist() == kept.lengths.tolist() == [3] * 4
+    (tmp_path / "day3.csv").write_bytes((tmp_path / "day2.csv").read_bytes())
+    for rules, said in ((by_time, "is in"), (by_step, "begins in")):
+        with pytest.raises(DataError, match=rf"day3\.csv: episode 0, player 2 {said} .*day2\.csv too"):
+            load_demonstrations(tmp_path, preparation=rules)
+
+
+def test_files_in_which_no_episode_or_time_is_told(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        table = pa.table({"episode": [[0]], "step": [0], "t": ["now"], "observation.x": [0.5], "action.a": [0.5]})
+        pq.write_table(table, tmp_path / f"{name}.parquet")
+    with pytest.raises(DataError, match=r"column episode: needs integers or text, got list"):
+        load_demonstrations(tmp_path)
+    with pytest.raises(DataError, match=r"needs a column 'time'"):
+        load_demonstrations(tmp_path, preparation=Preparation(clock=Clock("time")))
+    found = validate(tmp_path, preparation=Preparation(clock=Clock("t")))
+    assert "column t: needs numbers or times, got string" in map(str, found)
 
 
 # HDF5
