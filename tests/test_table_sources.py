@@ -193,6 +193,27 @@ def test_files_that_do_not_fit_together(tmp_path: Path) -> None:
         load_demonstrations(str(tmp_path / "*.parquet"))
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("config.json", '{"format": "tvae-model"}'),
+        ("manifest.json", '{"format": "tvae-onnx"}'),
+        ("demonstrations.json", '{"format": "tvae-demonstrations"}'),
+    ],
+)
+def test_what_we_wrote_below_is_no_data(parts: Path, name: str, said: str) -> None:
+    kept = load_demonstrations(parts)
+    (parts / "runs/one/rollouts").mkdir(parents=True)
+    for path in ("styles.parquet", "rollouts/style-0.parquet"):
+        pq.write_table(pa.table({"episode": ["b"], "style": [0]}), parts / "runs/one" / path)
+    for own in ('{"format": "of someone else"}', "[]", "no JSON"):
+        (parts / "runs/one" / name).write_text(own)
+        with pytest.raises(DataError, match=r"style-0\.parquet: needs the same columns as"):
+            load_demonstrations(parts)
+    (parts / "runs/one" / name).write_text(said)
+    assert_same(load_demonstrations(parts), kept)
+
+
 TWICE = "episode,step,observation.x,observation.x,action.a\n0,0,1.5,2.5,0.5\n"
 
 

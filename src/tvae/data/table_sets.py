@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import glob
+import json
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -49,13 +51,27 @@ def matching_files(pattern: str) -> list[Path]:
 
 
 def table_files_in(directory: Path) -> list[Path]:
-    """All Parquet and CSV files in a directory and below it, in the order of their names; hidden ones are left out."""
-    found = (path for path in directory.rglob("*") if is_parquet_name(path) or is_csv_name(path))
-    return sorted(
-        path
-        for path in found
-        if path.is_file() and not any(part.startswith(".") for part in path.relative_to(directory).parts)
-    )
+    """All Parquet and CSV files in a directory and below it, in the order of their names.
+
+    Hidden ones are left out, and what stands in a directory below that we wrote: a run, an export, demonstrations.
+    """
+    files = []
+    for where, below, names in os.walk(directory):
+        below[:] = [name for name in below if not name.startswith(".") and not _is_ours(Path(where, name))]
+        files += [Path(where, name) for name in names if not name.startswith(".")]
+    return sorted(path for path in files if (is_parquet_name(path) or is_csv_name(path)) and path.is_file())
+
+
+def _is_ours(directory: Path) -> bool:
+    """Whether a directory says of itself that we wrote it."""
+    for name in ("config.json", "manifest.json", "demonstrations.json"):
+        try:
+            said = json.loads((directory / name).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if isinstance(said, dict) and str(said.get("format")).startswith("tvae-"):
+            return True
+    return False
 
 
 def read_table_files(paths: Sequence[Path], preparation: Preparation = AS_RECORDED) -> RawTable:
