@@ -318,6 +318,37 @@ def test_robomimic(tmp_path: Path) -> None:
     assert narrow.observation_space.names == ("gripper",)
 
 
+def put(group: h5py.Group, name: str, values: Any) -> None:
+    """Other values, or an empty group, instead of what is there."""
+    if name in group:
+        del group[name]
+    if values is None:
+        group.create_group(name)
+    else:
+        group[name] = values
+
+
+def test_robomimic_with_observations_in_one_array(tmp_path: Path) -> None:
+    path = write_robomimic(tmp_path / "a.hdf5")
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            put(demo, "obs", np.arange(6.0).reshape(3, 2))
+            put(demo, "next_obs", np.arange(6.0).reshape(3, 2) + 2)
+    kept = load_demonstrations(path)
+    assert kept.observation_space.names == ("0", "1")
+    assert kept[0].observations.tolist() == [[0, 1], [2, 3], [4, 5], [6, 7]]
+
+
+def test_robomimic_of_another_machine(tmp_path: Path) -> None:
+    path = write_robomimic(tmp_path / "a.hdf5")
+    kept = load_demonstrations(path)
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            for name in ("actions", "rewards", "obs/eef", "next_obs/eef", "obs/gripper", "next_obs/gripper"):
+                put(demo, name, demo[name][()].astype(">f8"))
+    assert_same(load_demonstrations(path), kept)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -337,6 +368,29 @@ def test_robomimic(tmp_path: Path) -> None:
             lambda demo: (demo.pop("obs/eef"), demo.create_dataset("obs/eef", data=np.zeros((9, 3)))),
             "demo_2: obs/eef needs 3 rows, as many as actions, got 9",
         ),
+        (lambda demo: put(demo, "actions", None), "demo_2: actions needs an array of numbers, got a group of none"),
+        (lambda demo: put(demo, "rewards", None), "demo_2: rewards needs an array of numbers, got a group of none"),
+        (
+            lambda demo: put(demo, "obs/eef", np.array([b"a", b"b", b"c"])),
+            r"demo_2: obs/eef needs an array of numbers, got an array of dtype \|S1 and shape \(3,\)",
+        ),
+        (lambda demo: put(demo, "actions", np.zeros((0, 2))), "demo_2: needs at least one action, got none"),
+        (lambda demo: put(demo, "next_obs", np.zeros((3, 3))), "demo_2: needs next_obs/eef, as there is an obs/eef"),
+        (lambda demo: put(demo, "obs", np.zeros((3, 3))), "demo_2: needs next_obs, as there is an obs"),
+        (
+            lambda demo: put(demo, "next_obs/eef", np.zeros((3, 4))),
+            "demo_2: next_obs/eef needs 3 signals, as obs/eef has, got 4",
+        ),
+        (
+            lambda demo: put(demo.parent, "demo_2", np.zeros(3)),
+            r"demo_2: needs to be a group with 'obs' and 'actions', got an array of dtype float64 and shape \(3,\)",
+        ),
+        (
+            lambda demo: put(demo.file, "mask/train", np.array([2, 10])),
+            r"mask/train needs names of demonstrations, such as demo_0, got an array of dtype int64 and shape \(2,\)",
+        ),
+        (lambda demo: put(demo.file, "mask/train", None), "mask/train needs names .*, got a group of none"),
+        (lambda demo: put(demo.file, "mask", np.zeros(2)), r"mask needs to be a group with .*, got an array of dtype"),
         (
             lambda demo: demo["obs/eef"].write_direct(np.full((3, 3), np.nan)),
             r"episode demo_2, step 0, column observation\.eef\.0: is missing or not a number",
