@@ -211,6 +211,14 @@ def test_a_quote_that_is_never_closed(
     assert found == ([] if line is None else [said])
 
 
+def test_an_open_quote_before_much_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tvae.data.csv_files._BLOCK_BYTES", 64)
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace("right", '"right') + "2,0,0.5,left\n" * 40)
+    with pytest.raises(DataError, match=r"a\.csv: line 3 has a quote that is never closed"):
+        load_demonstrations(path)
+
+
 def test_quotes_that_open_nothing(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(PLAIN.replace("left", '5" disk', 1).replace("right", '"a,""b"') + '1,2,0.5,"two\nlines"\n')

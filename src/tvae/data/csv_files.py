@@ -59,7 +59,8 @@ def read_csv(
     Lines with more or fewer values than the first are left out and reported as an issue. A line `sep=;` before the
     names of the columns, as spreadsheets write it, names the separator.
 
-    Raises `DataError` for a damaged file, for a quote that is never closed, and where separator or decimal mark could be one or another.
+    Raises `DataError` for a damaged file, for a quote that is never closed, and where separator or decimal mark could
+    be one or another.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "walks.csv"
@@ -213,5 +214,7 @@ class _Layout:
                     ),
                 )
         except (pa.ArrowException, OSError, zlib.error, UnicodeDecodeError) as error:
+            if "straddling" in str(error):  # one line is longer than a block
+                _check_quotes(self.path, self.separator)
             raise DataError(f"{self.path}: no whole CSV file: {error}") from error
         return table, uneven
