@@ -188,6 +188,44 @@ def test_every_number_is_the_same_with_a_comma(tmp_path_factory: pytest.TempPath
     assert read_csv(path)[0]["x"].to_pylist() == [0.5, *values]
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("right\n", '"right\n', 3),
+        ("stay\n", '"stay\n', 5),
+        ("left\n1,1", '"le""ft\n1,1', 4),
+        ("left\n0", '"le\n""ft"\n0', None),
+        ("1,0,2", '1,0,"2', 4),
+        ("0,0,0.5,left\n", '0,0,"0.5","le,"\n"0,0,0.5,left\n', 3),
+    ],
+)
+def test_a_quote_that_is_never_closed(
+    tmp_path: Path, old: str, new: str, line: int | None, end: str, name: str
+) -> None:
+    content = PLAIN.replace(old, new, 1).replace("\n", end).encode("utf-8-sig")
+    (tmp_path / name).write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
+    found = [str(issue) for issue in validate(tmp_path / name)]
+    said = f"{tmp_path / name}: line {line} has a quote that is never closed: all behind it would be one value"
+    assert found == ([] if line is None else [said])
+
+
+def test_an_open_quote_before_much_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tvae.data.csv_files._BLOCK_BYTES", 64)
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace("right", '"right') + "2,0,0.5,left\n" * 40)
+    with pytest.raises(DataError, match=r"a\.csv: line 3 has a quote that is never closed"):
+        load_demonstrations(path)
+
+
+def test_quotes_that_open_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace("left", '5" disk', 1).replace("right", '"a,""b"') + '1,2,0.5,"two\nlines"\n')
+    kept = load_demonstrations(path)
+    assert kept.action_space.signals == (Categorical("key", ('5" disk', 'a,"b', "left", "stay", "two\nlines")),)
+
+
 def test_every_command_reads_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.csv"
     rows = [f"{e}|{t}|{e * t},5|{'left' if e % 2 else 'right'}" for e in range(12) for t in range(3)]

@@ -141,6 +141,21 @@ def test_uneven_steps_are_resampled_by_interpolation() -> None:
     assert kept[0].steps["t"].tolist() == [10, 11, 12, 13]
 
 
+def test_one_time_of_another_kind_makes_no_endless_episode() -> None:
+    times = [5.0, 6.0, 0.0, 1.7e9, 1.7e9 + 1, 1.7e9 + 2]
+    columns = {"episode": list("aabbbb"), "t": times, "observation.x": [0.5] * 6, "action.a": [0.5] * 6}
+    (found,) = issues(columns, clock=Clock("t", resample=hold_last))
+    assert found == (
+        "episode b, step 1, column t: is 1,700,000,000 after the row before; at a step every 1 the episode's 4 rows "
+        "would become 1,700,000,003 steps, more than 1,000 times as many: mend the time, or say a longer one from step "
+        "to step (--every)"
+    )
+    longer = load(columns, clock=Clock("t", every=1e6, resample=hold_last))
+    assert longer.lengths.tolist() == [1, 1701]
+    (found,) = issues({**columns, "t": [*times[:5], 1e300]}, clock=Clock("t", resample=hold_last))
+    assert found.startswith("episode b, step 3, column t: is 1e+300 after the row before")
+
+
 def test_uneven_steps_are_resampled_by_holding() -> None:
     kept = load(UNEVEN, clock=Clock("t", every=1.0, resample=hold_last))
     assert kept[0].observations[:, 0].tolist() == [0, 1, 1, 3, 4]

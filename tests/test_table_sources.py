@@ -17,7 +17,9 @@ from hypothesis import given, settings
 from data_strategies import assert_same, demonstrations, quick
 from tvae.data.arrays import from_arrays
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.preparation import Preparation
+from tvae.data.estimates import hold_last
+from tvae.data.preparation import Clock, Preparation
+from tvae.data.roles import Roles
 from tvae.data.sources import load_demonstrations, save_demonstrations
 from tvae.data.trajectory import DataError
 from tvae.data.validation import validate
@@ -191,6 +193,95 @@ def test_files_that_do_not_fit_together(tmp_path: Path) -> None:
         load_demonstrations(str(tmp_path / "*.parquet"))
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("config.json", '{"format": "tvae-model"}'),
+        ("manifest.json", '{"format": "tvae-onnx"}'),
+        ("demonstrations.json", '{"format": "tvae-demonstrations"}'),
+    ],
+)
+def test_what_we_wrote_below_is_no_data(parts: Path, name: str, said: str) -> None:
+    kept = load_demonstrations(parts)
+    (parts / "runs/one/rollouts").mkdir(parents=True)
+    for path in ("styles.parquet", "rollouts/style-0.parquet"):
+        pq.write_table(pa.table({"episode": ["b"], "style": [0]}), parts / "runs/one" / path)
+    for own in ('{"format": "of someone else"}', "[]", "no JSON"):
+        (parts / "runs/one" / name).write_text(own)
+        with pytest.raises(DataError, match=r"style-0\.parquet: needs the same columns as"):
+            load_demonstrations(parts)
+    (parts / "runs/one" / name).write_text(said)
+    assert_same(load_demonstrations(parts), kept)
+
+
+TWICE = "episode,step,observation.x,observation.x,action.a\n0,0,1.5,2.5,0.5\n"
+
+
+def test_columns_that_are_there_twice(tmp_path: Path) -> None:
+    first, second = tmp_path / "1.csv", tmp_path / "2.csv"
+    first.write_text(TWICE)
+    second.write_text(TWICE.replace("\n0,", "\n1,"))
+    with pytest.raises(DataError, match=r"1\.csv: column observation\.x: is there 2 times$"):
+        load_demonstrations(tmp_path)
+    first.write_text("episode,step,observation.x,observation.y,action.a\n0,0,1.5,2.5,0.5\n")
+    with pytest.raises(DataError, match=r"2\.csv: column observation\.x: is there 2 times$"):
+        load_demonstrations(tmp_path)
+    (issue,) = validate(second, preparation=Preparation(columns=("observation", "action")))
+    assert str(issue) == "column observation.x: is there 2 times"
+    second.write_text("episode,step,note,note,observation.x,action.a\n0,0,a,b,1.5,0.5\n")
+    kept = load_demonstrations(second, preparation=Preparation(columns=("observation.x", "action")))
+    assert kept.observations.tolist() == [[1.5]]
+
+
+def days(directory: Path, *starts: float, player: str = "") -> Path:
+    """A file a day with the episodes 0 and 1 at three times each."""
+    for day, start in enumerate(starts, 1):
+        rows = [f"{e},{player}{day},{start + t},{t}.5,0.5\n" for e in range(2) for t in range(3)]
+        (directory / f"day{day}.csv").write_text("".join(["episode,player,t,observation.x,action.a\n", *rows]))
+    return directory
+
+
+@pytest.mark.parametrize("rule", [None, hold_last])
+def test_by_a_clock_an_episode_goes_on_later(tmp_path: Path, rule: Any) -> None:
+    clock = Preparation(clock=Clock("t", resample=rule), roles=Roles(ignored=("player",)))
+    assert load_demonstrations(days(tmp_path, 0, 3), preparation=clock).lengths.tolist() == [6, 6]
+    said = r"day2\.csv: episode 0 is in .*day1\.csv too, at the same times \(t\); different episodes need different nam"
+    for start in (0, 0.5, 2, -2):
+        with pytest.raises(DataError, match=said):
+            load_demonstrations(days(tmp_path, 0, start), preparation=clock)
+    with pytest.raises(DataError, match=r"day3\.csv: episode 0 is in .*day1\.csv too"):
+        load_demonstrations(days(tmp_path, 0, 6, 1), preparation=clock)
+    dates = pd.read_csv(tmp_path / "day1.csv")
+    for day, first in ((1, "2026-01-01 10:00:00"), (2, "2026-01-01 10:00:01.5"), (3, "2026-01-02")):
+        dates.assign(t=pd.Timestamp(first) + pd.to_timedelta(dates.t, "s")).to_csv(tmp_path / f"day{day}.csv")
+    with pytest.raises(DataError, match=said):
+        load_demonstrations(tmp_path, preparation=clock)
+
+
+def test_a_file_for_each_player(tmp_path: Path) -> None:
+    by_time = Preparation(player="player", clock=Clock("t"))
+    kept = load_demonstrations(days(tmp_path, 0, 0), preparation=by_time)
+    assert sorted(kept.attributes["episode"].tolist()) == ["0/1", "0/2", "1/1", "1/2"]
+    by_step = Preparation(player="player", roles=Roles(step="t"))
+    assert load_demonstrations(tmp_path, preparation=by_step).lengths.tolist() == kept.lengths.tolist() == [3] * 4
+    (tmp_path / "day3.csv").write_bytes((tmp_path / "day2.csv").read_bytes())
+    for rules, said in ((by_time, "is in"), (by_step, "begins in")):
+        with pytest.raises(DataError, match=rf"day3\.csv: episode 0, player 2 {said} .*day2\.csv too"):
+            load_demonstrations(tmp_path, preparation=rules)
+
+
+def test_files_in_which_no_episode_or_time_is_told(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        table = pa.table({"episode": [[0]], "step": [0], "t": ["now"], "observation.x": [0.5], "action.a": [0.5]})
+        pq.write_table(table, tmp_path / f"{name}.parquet")
+    with pytest.raises(DataError, match=r"column episode: needs integers or text, got list"):
+        load_demonstrations(tmp_path)
+    with pytest.raises(DataError, match=r"needs a column 'time'"):
+        load_demonstrations(tmp_path, preparation=Preparation(clock=Clock("time")))
+    found = validate(tmp_path, preparation=Preparation(clock=Clock("t")))
+    assert "column t: needs numbers or times, got string" in map(str, found)
+
+
 # HDF5
 
 
@@ -227,6 +318,40 @@ def test_robomimic(tmp_path: Path) -> None:
     assert narrow.observation_space.names == ("gripper",)
 
 
+def put(group: h5py.Group, name: str, values: Any) -> None:
+    """Other values, or an empty group, instead of what is there."""
+    if name in group:
+        del group[name]
+    if values is None:
+        group.create_group(name)
+    else:
+        group[name] = values
+
+
+def test_robomimic_with_observations_in_one_array(tmp_path: Path) -> None:
+    path = write_robomimic(tmp_path / "a.hdf5")
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            put(demo, "obs", np.arange(6.0).reshape(3, 2))
+            put(demo, "next_obs", np.arange(6.0).reshape(3, 2) + 2)
+    kept = load_demonstrations(path)
+    assert kept.observation_space.names == ("0", "1")
+    assert kept[0].observations.tolist() == [[0, 1], [2, 3], [4, 5], [6, 7]]
+
+
+def test_robomimic_of_another_machine(tmp_path: Path) -> None:
+    path = write_robomimic(tmp_path / "a.hdf5")
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            del demo["next_obs"]
+    kept = load_demonstrations(path)
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            for name in ("actions", "rewards", "obs/eef", "obs/gripper"):
+                put(demo, name, demo[name][()].astype(">f8"))
+    assert_same(load_demonstrations(path), kept)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -246,6 +371,29 @@ def test_robomimic(tmp_path: Path) -> None:
             lambda demo: (demo.pop("obs/eef"), demo.create_dataset("obs/eef", data=np.zeros((9, 3)))),
             "demo_2: obs/eef needs 3 rows, as many as actions, got 9",
         ),
+        (lambda demo: put(demo, "actions", None), "demo_2: actions needs an array of numbers, got a group of none"),
+        (lambda demo: put(demo, "rewards", None), "demo_2: rewards needs an array of numbers, got a group of none"),
+        (
+            lambda demo: put(demo, "obs/eef", np.array([b"a", b"b", b"c"])),
+            r"demo_2: obs/eef needs an array of numbers, got an array of dtype \|S1 and shape \(3,\)",
+        ),
+        (lambda demo: put(demo, "actions", np.zeros((0, 2))), "demo_2: needs at least one action, got none"),
+        (lambda demo: put(demo, "next_obs", np.zeros((3, 3))), "demo_2: needs next_obs/eef, as there is an obs/eef"),
+        (lambda demo: put(demo, "obs", np.zeros((3, 3))), "demo_2: needs next_obs, as there is an obs"),
+        (
+            lambda demo: put(demo, "next_obs/eef", np.zeros((3, 4))),
+            "demo_2: next_obs/eef needs 3 signals, as obs/eef has, got 4",
+        ),
+        (
+            lambda demo: put(demo.parent, "demo_2", np.zeros(3)),
+            r"demo_2: needs to be a group with 'obs' and 'actions', got an array of dtype float64 and shape \(3,\)",
+        ),
+        (
+            lambda demo: put(demo.file, "mask/train", np.array([2, 10])),
+            r"mask/train needs names of demonstrations, such as demo_0, got an array of dtype int64 and shape \(2,\)",
+        ),
+        (lambda demo: put(demo.file, "mask/train", None), "mask/train needs names .*, got a group of none"),
+        (lambda demo: put(demo.file, "mask", np.zeros(2)), r"mask needs to be a group with .*, got an array of dtype"),
         (
             lambda demo: demo["obs/eef"].write_direct(np.full((3, 3), np.nan)),
             r"episode demo_2, step 0, column observation\.eef\.0: is missing or not a number",

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from data_strategies import assert_same, demonstrations, quick
 from tvae.data import tabular
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.preparation import Preparation
 from tvae.data.tabular import read_table, write_csv, write_parquet
 from tvae.data.trajectory import DataError, Trajectory
 from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
@@ -240,7 +241,7 @@ def test_the_text_of_a_csv(tmp_path: Path) -> None:
         '0,1,0,1,1,"a, b"',
         '0,2,0,,,"a, b"',
     ]
-    assert (tmp_path / "a.schema.json").is_file()
+    assert (tmp_path / "a.csv.schema.json").is_file()
 
 
 def test_a_selection_is_written_as_it_is_selected(tmp_path: Path) -> None:
@@ -531,8 +532,34 @@ def test_a_csv_of_ours_that_was_cut(tmp_path: Path) -> None:
         read_table(path)
 
 
+def test_a_schema_counts_for_its_own_file(tmp_path: Path) -> None:
+    plain = write(tmp_path / "a.csv", SESSIONS)
+    kept = read_table(plain)
+    for name in ("a.csv.gz", "a.tsv"):
+        write_csv(read_table(plain, preparation=Preparation(degrees=("action.heading",))), tmp_path / name)
+        assert read_table(tmp_path / name).action_space.signals[0] == Angular("heading", recorded_in_degrees=True)
+    assert_same(read_table(plain), kept)
+
+
+def test_a_schema_of_older_versions(tmp_path: Path) -> None:
+    path, older = tmp_path / "a.csv", tmp_path / "a.schema.json"
+    write_csv(one_walk(), path)
+    (tmp_path / "a.csv.schema.json").rename(older)
+    assert read_table(path).observation_space.signals == (Angular("heading"),)
+    write_csv(one_walk(), tmp_path / "a.csv.gz")
+    assert read_table(path).observation_space.signals == (Angular("heading"),)
+    (tmp_path / "a.tsv").write_text(path.read_text().replace(",", "\t"))
+    for again in (lambda: read_table(path), lambda: write_csv(one_walk(), path, overwrite=True)):
+        with pytest.raises(DataError, match=r"a\.csv: a\.schema\.json needs .* one file, but could be .*csv or a\.tsv"):
+            again()
+    (tmp_path / "a.tsv").unlink()
+    write_csv(one_walk(), path, overwrite=True)
+    assert not older.exists()
+    assert read_table(path).observation_space.signals == (Angular("heading"),)
+
+
 def test_the_schema_beside_a_csv(tmp_path: Path) -> None:
-    path, beside = tmp_path / "a.csv", tmp_path / "a.schema.json"
+    path, beside = tmp_path / "a.csv", tmp_path / "a.csv.schema.json"
     write_csv(one_walk(), path)
     assert read_table(path).observation_space.signals == (Angular("heading"),)
     assert read_table(path, continuous=["observation.heading"]).observation_space.signals == (
@@ -545,7 +572,7 @@ def test_the_schema_beside_a_csv(tmp_path: Path) -> None:
         text.replace("int64", "int65"),
     ):
         beside.write_text(damaged)
-        with pytest.raises(DataError, match=r"a\.schema\.json: the schema is damaged"):
+        with pytest.raises(DataError, match=r"a\.csv\.schema\.json: the schema is damaged"):
             read_table(path)
     beside.write_text('{"format": "of someone else"}')
     assert read_table(path).observation_space.signals == (Categorical("heading", (0,)),)

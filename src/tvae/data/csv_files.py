@@ -21,6 +21,7 @@ _NAMED = re.compile(r"sep=(.)", re.IGNORECASE)
 _LINE = r'((?:"[^"]*"|[^"\r\n])*)'
 _LINES = re.compile(rf"{_LINE}(?:\r\n?|\n)?{_LINE}")
 _QUOTED = re.compile(r'"[^"]*"')
+_LINE_END = re.compile(r"\r\n?|\n")
 _LOOK_BYTES = 1 << 20
 _BLOCK_BYTES = 1 << 26
 
@@ -58,7 +59,8 @@ def read_csv(
     Lines with more or fewer values than the first are left out and reported as an issue. A line `sep=;` before the
     names of the columns, as spreadsheets write it, names the separator.
 
-    Raises `DataError` for a damaged file, and where separator or decimal mark could be one or another.
+    Raises `DataError` for a damaged file, for a quote that is never closed, and where separator or decimal mark could
+    be one or another.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "walks.csv"
@@ -135,6 +137,28 @@ def _check_marks(path: Path, table: pa.Table) -> None:
         )
 
 
+def _ends_in_lines(table: pa.Table, uneven: list[pa_csv.InvalidRow]) -> bool:
+    """Whether the last value that was read, or a line that was left out, has several lines, as in an open quote."""
+    last = table[-1][-1].as_py() if table.num_rows else None
+    texts = [*(row.text for row in uneven), last if isinstance(last, str) else ""]
+    return any(_LINE_END.search(text) for text in texts)
+
+
+def _check_quotes(path: Path, separator: str) -> None:
+    """Raise `DataError` with the line in which a quote opens that nothing closes; in quotes `""` is a quote."""
+    with pa.input_stream(path) as stream:
+        text = stream.read().decode("utf-8-sig", errors="replace")
+    opening = re.compile(rf'(?<![^{re.escape(separator)}\r\n])"')
+    at = 0
+    while (found := opening.search(text, at)) is not None:
+        at = text.find('"', found.end()) + 1
+        while at and text.startswith('"', at):
+            at = text.find('"', at + 1) + 1
+        if not at:
+            line = 1 + len(_LINE_END.findall(text, 0, found.start()))
+            raise DataError(f"{path}: line {line} has a quote that is never closed: all behind it would be one value")
+
+
 @dataclass(frozen=True)
 class _Layout:
     """Where the columns of a file are."""
@@ -147,6 +171,8 @@ class _Layout:
     def read(self, mark: str, types: Mapping[str, str]) -> tuple[pa.Table, tuple[Issue, ...]]:
         """The rows with this decimal mark, and what is wrong with lines."""
         table, uneven = self._parsed(mark, types, use_threads=True)
+        if _ends_in_lines(table, uneven):
+            _check_quotes(self.path, self.separator)
         if not uneven:
             return table, ()
         table, uneven = self._parsed(mark, types, use_threads=False)  # only one thread knows the numbers of lines
@@ -188,5 +214,7 @@ class _Layout:
                     ),
                 )
         except (pa.ArrowException, OSError, zlib.error, UnicodeDecodeError) as error:
+            if "straddling" in str(error):  # one line is longer than a block
+                _check_quotes(self.path, self.separator)
             raise DataError(f"{self.path}: no whole CSV file: {error}") from error
         return table, uneven

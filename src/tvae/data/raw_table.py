@@ -36,8 +36,10 @@ class RawTable:
         for wanted in columns:
             if not any(is_named(name, wanted) for name in there):
                 raise DataError(absent(wanted, there))
-        names = [
-            name for name in there if name in needed or any(is_named(name, wanted) for wanted in columns)
+        chosen = [
+            at
+            for at, name in enumerate(there)
+            if name in needed or any(is_named(name, wanted) for wanted in columns)
         ]
-        schema = None if self.schema is None else self.schema.only(names)
-        return replace(self, table=self.table.select(names), schema=schema)
+        schema = None if self.schema is None else self.schema.only([there[at] for at in chosen])
+        return replace(self, table=self.table.select(chosen), schema=schema)

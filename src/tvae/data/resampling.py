@@ -8,12 +8,39 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from tvae.data.estimates import Estimate
+from tvae.data.issues import Issue
 from tvae.data.preparation import Clock
 from tvae.data.ragged import ranges
 from tvae.data.table_index import TableIndex
 from tvae.data.table_signals import Signals
 from tvae.data.table_times import step_time
 from tvae.spaces import FloatArray, IntArray
+
+_MOST_STEPS_A_ROW = 1000
+
+
+def endless(index: TableIndex, clock: Clock) -> list[Issue]:
+    """Episodes of which far more steps than rows would be made, as where one row has a time of another kind."""
+    first = np.zeros(len(index.member), dtype=np.bool_)
+    first[index.starts] = True
+    every = step_time(index.times, first, clock)
+    steps = (index.times[index.starts + index.counts - 1] - index.times[index.starts]) / every + 1
+    long = np.flatnonzero(steps > _MOST_STEPS_A_ROW * index.counts)
+    if len(long) == 0:
+        return []
+    after = np.zeros_like(first)
+    for episode in long:
+        start = index.starts[episode]
+        gaps = np.diff(index.times[start : start + index.counts[episode]])
+        after[start + 1 + gaps.argmax()] = True
+    at = int(after.argmax())
+    gap, rows, made = index.times[at] - index.times[at - 1], index.counts[long[0]], steps[long[0]]
+    message = (
+        f"is {gap:,.10g} after the row before; at a step every {every:.4g} the episode's {rows:,} rows would become "
+        f"{made:,.10g} steps, more than {_MOST_STEPS_A_ROW:,} times as many: mend the time, or say a longer one from "
+        "step to step (--every)"
+    )
+    return index.issue(after, clock.column, message)
 
 
 def resampled(

@@ -168,7 +168,7 @@ def save_demonstrations(
     | target                     | written                                   |
     |----------------------------|-------------------------------------------|
     | `NAME.parquet`             | Parquet file                              |
-    | `NAME.csv`, `NAME.csv.gz`  | CSV file and `NAME.schema.json`           |
+    | `NAME.csv`, `NAME.csv.gz`  | CSV file and `NAME.csv.schema.json`       |
     | `NAME.tsv`, `NAME.tsv.gz`  | the same with tabs between columns        |
     | `NAME.tvae`                | directory that is opened memory-mapped    |
     | `minari:namespace/name-v0` | Minari data set under Minari's root       |

@@ -38,13 +38,44 @@ def has_tabs(path: Path) -> bool:
 
 
 def schema_path(path: Path) -> Path:
-    """Where the schema of a CSV file stands.
+    """Where the schema of a CSV file is written.
 
     >>> schema_path(Path("runs/sessions.csv.gz")).name
-    'sessions.schema.json'
+    'sessions.csv.gz.schema.json'
     """
+    return path.with_name(f"{path.name}.schema.json")
+
+
+def found_schema(path: Path) -> Path | None:
+    """The schema that stands beside a CSV file, if there is one.
+
+    Older versions wrote `NAME.schema.json` for `NAME.csv`, `NAME.csv.gz`, `NAME.tsv` and `NAME.tsv.gz` alike: it counts
+    for the only one of them that has no schema of its own.
+
+    Raises `DataError` where there are several.
+    """
+    if schema_path(path).is_file():
+        return schema_path(path)
+    older = schema_path(path.with_name(_stem(path)))
+    if not older.is_file():
+        return None
+    likely = sorted(
+        other.name
+        for other in path.parent.iterdir()
+        if is_csv_name(other) and _stem(other) == _stem(path) and not schema_path(other).is_file()
+    )
+    if len(likely) > 1:
+        raise DataError(
+            f"{path}: {older.name} needs to be the schema of one file, but could be that of {' or '.join(likely)}: "
+            f"rename it after the file that it was written with, such as {schema_path(path).name}"
+        )
+    return older
+
+
+def _stem(path: Path) -> str:
+    """The name of a CSV file without its ending."""
     suffix = next(suffix for suffix in reversed(CSV_SUFFIXES) if path.name.lower().endswith(suffix))
-    return path.with_name(path.name[: -len(suffix)] + ".schema.json")
+    return path.name[: -len(suffix)]
 
 
 def read_table_file(path: Path, form: CsvFormat = AS_WRITTEN) -> RawTable:
@@ -124,9 +155,9 @@ def _read_parquet(path: Path) -> RawTable:
 
 
 def _read_csv(path: Path, form: CsvFormat) -> RawTable:
-    beside = schema_path(path)
+    beside = found_schema(path)
     schema = None
-    if beside.is_file():
+    if beside is not None:
         schema = TableSchema.from_text(beside.read_text(encoding="utf-8", errors="replace"), str(beside))
     table, issues = read_csv(path, form, None if schema is None else schema.types)
     if schema is not None and not _ends_with_newline(path):

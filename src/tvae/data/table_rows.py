@@ -18,7 +18,7 @@ from tvae.data.issues import Issue, Remedy
 from tvae.data.names import alike
 from tvae.data.preparation import AS_RECORDED, Clock, Preparation
 from tvae.data.raw_table import RawTable
-from tvae.data.resampling import resampled
+from tvae.data.resampling import endless, resampled
 from tvae.data.table_facts import read_facts
 from tvae.data.table_index import TableIndex, index_table
 from tvae.data.table_roles import Arranged, arranged, named_kinds
@@ -153,6 +153,9 @@ def _examined(
     if issues:
         return Examined(None, tuple(issues))
     if preparation.clock is not None and preparation.clock.resample is not None:
+        issues += endless(rows.index, preparation.clock)
+        if issues:
+            return Examined(None, tuple(issues))
         rows, final = _at_even_steps(rows, final, preparation.clock)
         steps, attributes, _ = read_facts(rows.table, rows.index, ~final, schema)
     index = rows.index

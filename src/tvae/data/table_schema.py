@@ -1,6 +1,6 @@
 """What a table that we write holds, so that nothing is lost when it is read again.
 
-It goes into the metadata of a Parquet file and stands beside a CSV file as `NAME.schema.json`.
+It goes into the metadata of a Parquet file and stands beside a CSV file as `NAME.csv.schema.json`.
 """
 
 from __future__ import annotations

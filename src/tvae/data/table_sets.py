@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import glob
+import json
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
-from tvae.data.csv_files import AS_WRITTEN, CsvFormat
+from tvae.data.columns import plain
 from tvae.data.degrees import angles, noted
+from tvae.data.issues import Issue
+from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.raw_table import RawTable
-from tvae.data.roles import AS_NAMED, Roles
 from tvae.data.table_files import CSV_SUFFIXES, PARQUET_SUFFIXES, is_csv_name, is_parquet_name, read_table_file
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
+from tvae.data.table_times import times_of
 from tvae.data.texts import no_numbers
 from tvae.data.trajectory import DataError
 
@@ -44,43 +51,62 @@ def matching_files(pattern: str) -> list[Path]:
 
 
 def table_files_in(directory: Path) -> list[Path]:
-    """All Parquet and CSV files in a directory and below it, in the order of their names; hidden ones are left out."""
-    found = (path for path in directory.rglob("*") if is_parquet_name(path) or is_csv_name(path))
-    return sorted(
-        path
-        for path in found
-        if path.is_file() and not any(part.startswith(".") for part in path.relative_to(directory).parts)
-    )
+    """All Parquet and CSV files in a directory and below it, in the order of their names.
+
+    Hidden ones are left out, and what stands in a directory below that we wrote: a run, an export, demonstrations.
+    """
+    files = []
+    for where, below, names in os.walk(directory):
+        below[:] = [name for name in below if not name.startswith(".") and not _is_ours(Path(where, name))]
+        files += [Path(where, name) for name in names if not name.startswith(".")]
+    return sorted(path for path in files if (is_parquet_name(path) or is_csv_name(path)) and path.is_file())
 
 
-def read_table_files(paths: Sequence[Path], roles: Roles = AS_NAMED, form: CsvFormat = AS_WRITTEN) -> RawTable:
-    """The rows of all files, one after another; the text of CSV files is of this form.
+def _is_ours(directory: Path) -> bool:
+    """Whether a directory says of itself that we wrote it."""
+    for name in ("config.json", "manifest.json", "demonstrations.json"):
+        try:
+            said = json.loads((directory / name).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if isinstance(said, dict) and str(said.get("format")).startswith("tvae-"):
+            return True
+    return False
+
+
+def read_table_files(paths: Sequence[Path], preparation: Preparation = AS_RECORDED) -> RawTable:
+    """The rows of all files, one after another, before anything of the preparation is done to them.
 
     Files without a column `episode` are an episode each, which is called like the file without its ending, unless
-    `roles` name another column.
+    another column is named as such.
 
-    Raises `DataError`, naming a file, where the columns differ, an episode begins in two files, or one cannot be read.
+    Raises `DataError`, naming a file, where the columns differ or one is there twice, an episode begins in two files
+    or, by a clock, is in two at the same time, or one cannot be read.
     """
     if not paths:
         raise DataError(f"needs at least one file ({_SUFFIXES}), got none")
-    raws = [read_table_file(path, form) for path in paths]
+    raws = [read_table_file(path, preparation.csv) for path in paths]
     first = raws[0]
-    for path, raw in zip(paths[1:], raws[1:], strict=True):
+    for path, raw in zip(paths, raws, strict=True):
         _check_columns(path, raw.table, paths[0], first.table)
     tables = [raw.table for raw in raws]
-    if roles.episode is None and "episode" not in first.table.column_names:
-        tables = _named_after_files(paths, tables)
-    else:
-        _check_episodes(paths, tables, roles.episode or "episode", roles.step or "step")
+    named = preparation.roles.episode is None and "episode" not in first.table.column_names
+    table = _joined(paths, _named_after_files(paths, tables) if named else tables)
+    if not named:
+        _check_episodes(paths, np.repeat(np.arange(len(paths)), [len(table) for table in tables]), table, preparation)
     return RawTable(
-        _joined(paths, tables),
+        table,
         _common_schema(paths, [raw.schema for raw in raws]),
         tuple(issue for raw in raws for issue in raw.issues),
     )
 
 
 def _check_columns(path: Path, table: pa.Table, first_path: Path, first: pa.Table) -> None:
-    """All files need the same columns, in any order."""
+    """All files need the same columns, each once, in any order."""
+    names = table.column_names
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise DataError(f"{path}: column {twice}: is there {names.count(twice)} times")
     here, there = set(table.column_names), set(first.column_names)
     if here != there:
         lacking, more = ", ".join(sorted(there - here)), ", ".join(sorted(here - there))
@@ -105,21 +131,38 @@ def _stem(path: Path) -> str:
     return path.name[: -len(suffix)]
 
 
-def _check_episodes(paths: Sequence[Path], tables: Sequence[pa.Table], identity: str, number: str) -> None:
-    """An episode may go on in another file, but begin in one only."""
-    if not {identity, number} <= set(tables[0].column_names):
+def _check_episodes(
+    paths: Sequence[Path], file: NDArray[np.int64], table: pa.Table, preparation: Preparation
+) -> None:
+    """An episode may go on in another file (N,), but begin in one only; by a clock it goes on at later times."""
+    if not set(preparation.needed) <= set(table.column_names):
         return
-    begun: dict[object, Path] = {}
-    for path, table in zip(paths, tables, strict=True):
-        try:
-            firsts = table[identity].filter(pc.equal(table[number], 0)).unique()
-        except pa.ArrowException:  # a step that is no number is reported with all else that is wrong
-            return
-        for episode in firsts.to_pylist():
-            if episode is not None and begun.setdefault(episode, path) != path:
-                raise DataError(
-                    f"{path}: episode {episode} begins in {begun[episode]} too; episodes need different names"
-                )
+    *identity, moment = preparation.needed
+    times = times_of(table[moment], moment)
+    if isinstance(times, Issue):  # reported with all else that is wrong
+        return
+    keys = [f"key {at}" for at in range(len(identity))]
+    rows = pa.table([*(plain(table[name]) for name in identity), file, times], names=[*keys, "file", "time"])
+    if preparation.clock is None:
+        rows = rows.filter(pc.equal(rows["time"], 0))
+    try:
+        spans = rows.group_by([*keys, "file"]).aggregate([("time", "min"), ("time", "max")])
+    except pa.ArrowException:  # nor do lists name an episode
+        return
+    latest: dict[tuple[object, ...], dict[str, Any]] = {}
+    for span in spans.sort_by([("time_min", "ascending"), ("file", "ascending")]).to_pylist():
+        key = tuple(span[name] for name in keys)
+        before = latest.setdefault(key, span)
+        if None not in key and before is not span and span["time_min"] <= before["time_max"]:
+            here, there = (paths[at] for at in sorted((span["file"], before["file"]), reverse=True))
+            who = ", ".join(f"{what} {one}" for what, one in zip(("episode", "player"), key, strict=False))
+            how = (
+                f"begins in {there} too; episodes"
+                if preparation.clock is None
+                else f"is in {there} too, at the same times ({moment}); different episodes"
+            )
+            raise DataError(f"{here}: {who} {how} need different names")
+        latest[key] = span
 
 
 def _joined(paths: Sequence[Path], tables: Sequence[pa.Table]) -> pa.Table:

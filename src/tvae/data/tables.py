@@ -63,7 +63,7 @@ def _opened(source: DataSource, preparation: Preparation) -> RawTable | None:
         return RawTable(_in_memory(source))
     files = _files(source)
     if files is not None:
-        return read_table_files(files, preparation.roles, preparation.csv)
+        return read_table_files(files, preparation)
     assert isinstance(source, str | Path)
     path = Path(source)
     if is_lerobot(path):

@@ -27,7 +27,7 @@ from tvae.data.columns import KindError, decode, kinds_by_column
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.preparation import AS_RECORDED, Preparation
 from tvae.data.ragged import blocks, ranges
-from tvae.data.table_files import METADATA_KEY, has_tabs, is_csv_name, is_parquet_name, schema_path
+from tvae.data.table_files import METADATA_KEY, found_schema, has_tabs, is_csv_name, is_parquet_name, schema_path
 from tvae.data.table_rows import Examined, examine
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.tables import DataSource, open_table, title
@@ -118,7 +118,7 @@ def write_parquet(demonstrations: Demonstrations, path: str | Path, *, overwrite
 
 
 def write_csv(demonstrations: Demonstrations, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write a CSV file and, beside it, `NAME.schema.json` with what its text cannot say.
+    """Write a CSV file and, beside it, `NAME.csv.schema.json` with what its text cannot say.
 
     The name ends with `.csv` or, for tabs between columns, `.tsv`, and with `.gz` behind it for a compressed one.
     Together they are read back without loss. Raises as `write_parquet` does.
@@ -129,6 +129,7 @@ def write_csv(demonstrations: Demonstrations, path: str | Path, *, overwrite: bo
     schema, tables = _tables(demonstrations)
     form = pa_csv.WriteOptions(delimiter="\t" if has_tabs(path) else ",")
     compression = "gzip" if path.name.lower().endswith(".gz") else None
+    older = found_schema(path) if overwrite and path.is_file() else None
     with (
         appearing(path, overwrite=overwrite) as partial,
         appearing(schema_path(path), overwrite=overwrite) as partial_schema,
@@ -142,6 +143,8 @@ def write_csv(demonstrations: Demonstrations, path: str | Path, *, overwrite: bo
             writer.write_table(columns)
             for columns in tables:
                 writer.write_table(columns)
+    if older is not None and older != schema_path(path):
+        older.unlink()
 
 
 def _tables(demonstrations: Demonstrations) -> tuple[TableSchema, Iterator[pa.Table]]:
