@@ -455,3 +455,34 @@ def test_a_run_killed_three_times_ends_in_the_same_weights(table: Path, tmp_path
     mine, other = (load_file(path / "model.safetensors") for path in (straight, killed))
     assert mine.keys() == other.keys()
     assert all((mine[name] == other[name]).all() for name in mine)
+
+
+def test_a_target_that_cannot_be_is_refused_in_one_line(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    for target in (tmp_path / "file" / "z.parquet", tmp_path / "file" / "run"):
+        verb = ["embed", run] if target.suffix else ["fit", table, *SMALL]
+        said = refused(capsys, *verb, "--out", target)
+        assert said.startswith("tvae: ")
+        assert "Traceback" not in said
+
+    def forbidden(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", "runs")
+
+    monkeypatch.setattr("tvae.cli.report.write_report", forbidden)
+    assert refused(capsys, "report", run) == "tvae: [Errno 13] Permission denied: 'runs'\n"
+
+
+def test_a_path_is_printed_as_it_is(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "my [bold] dir" / "ru[" / "n] 1"
+    shutil.copytree(run, mine)
+    out = mine.parent
+    call("report", mine)
+    call("styles", mine, "--data", mine / "rollouts/style-0.parquet", "--out", out / "labels.parquet")
+    call("generate", mine, "--episodes", "2", "--out", out / "imagined.csv")
+    call("rollout", mine, "--episodes", "2", "--out", out / "bot.csv")
+    call("export", mine, "--out", out / "export")
+    said = "".join(capsys.readouterr().out.split())
+    for name in ("n] 1/report.html", "labels.parquet", "imagined.csv", "bot.csv", "export/manifest.json"):
+        assert f"{out}/{name}".replace(" ", "") in said, name

@@ -44,7 +44,7 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
     for hint in hinted(hints(demonstrations, decided)):
         CONSOLE.print(hint, highlight=False, markup=False)
     if columns.left_over is not None:
-        CONSOLE.print(columns.left_over, highlight=False)
+        CONSOLE.print(columns.left_over, highlight=False, markup=False)
     for attribute in summary.attributes:
         values = ", ".join(f"{value} ({count})" for value, count in attribute.counts[:8])
         CONSOLE.print(f"{attribute.name}: {attribute.num_values} values: {values}", highlight=False, markup=False)
@@ -86,7 +86,7 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     for hint in hinted(found.hints):
         CONSOLE.print(hint, highlight=False, markup=False)
     if columns.left_over is not None:
-        CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False)
+        CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False, markup=False)
 
 
 def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = False) -> None:

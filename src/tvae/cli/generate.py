@@ -39,4 +39,4 @@ def generate(
     choice = choice_of(most_likely=most_likely, temperature=temperature)
     found = imagine_style(opened, style, episodes, choice=choice, window=window, seed=seed)
     save_demonstrations(found, out, overwrite=force)
-    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")
+    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}", markup=False)

@@ -13,4 +13,4 @@ def report(run: Run) -> None:
     """
     directory = RunDirectory.existing(run)
     write_report(directory, about_run(directory).source.load())
-    CONSOLE.print(f"report: {directory.report}")
+    CONSOLE.print(f"report: {directory.report}", markup=False)

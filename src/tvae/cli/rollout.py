@@ -67,4 +67,4 @@ def rollout(
         )
     found = act(opened, style, arena, bot, seed=seed, console=CONSOLE)
     save_demonstrations(found, out, overwrite=force)
-    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")
+    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}", markup=False)

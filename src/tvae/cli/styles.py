@@ -55,10 +55,10 @@ def styles(
         opened = rejoin(opened, groups, env, console=CONSOLE)
     if rename:
         opened = name_styles(opened, rename)
-    CONSOLE.print(opened.findings.playstyles.verdict)
+    CONSOLE.print(opened.findings.playstyles.verdict, markup=False)
     CONSOLE.print(styles_table(opened))
     if opened.findings.explanation:
-        CONSOLE.print(opened.findings.explanation, highlight=False)
+        CONSOLE.print(opened.findings.explanation, highlight=False, markup=False)
     if rename:
         CONSOLE.print(f"The report shows these names after: tvae report {run}", highlight=False, markup=False)
     elif join or as_found:
@@ -69,4 +69,4 @@ def styles(
             share = (labelled == style.index).mean()
             CONSOLE.print(f"{opened.findings.name(style)}: {share:.0%} of the sessions in {data}", markup=False)
         if out is not None:
-            CONSOLE.print(f"{len(labelled)} sessions: {out}")
+            CONSOLE.print(f"{len(labelled)} sessions: {out}", markup=False)
