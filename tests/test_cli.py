@@ -486,3 +486,55 @@ def test_a_path_is_printed_as_it_is(run: Path, tmp_path: Path, capsys: pytest.Ca
     said = "".join(capsys.readouterr().out.split())
     for name in ("n] 1/report.html", "labels.parquet", "imagined.csv", "bot.csv", "export/manifest.json"):
         assert f"{out}/{name}".replace(" ", "") in said, name
+
+
+def test_a_target_is_refused_before_the_work(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("it began")
+
+    for verb in ("generate", "rollout", "styles"):
+        monkeypatch.setattr(f"tvae.cli.{verb}.open_run", work)
+    monkeypatch.setattr("tvae.cli.data.Source", work)
+    for name in ("there.csv", "there.schema.json", "there.parquet", "there.tvae"):
+        (tmp_path / name).write_text("mine")
+    tables = ["styles", str(run), "--data", str(table), "--out"]
+    acting = [[verb, str(run), "--out"] for verb in ("generate", "rollout")]
+    for verb in (*acting, ["data", "convert", str(table)], tables):
+        assert "needs to end with" in refused(capsys, *verb, tmp_path / "x.txt")
+        assert "exists already" in refused(capsys, *verb, tmp_path / "there.csv")
+        assert "exists already" in refused(capsys, *verb, tmp_path / "there.parquet")
+        assert "there.csv is a file" in refused(capsys, *verb, tmp_path / "there.csv" / "deep" / "x.csv")
+        if verb != tables:
+            assert "exists already" in refused(capsys, *verb, tmp_path / "there.tvae")
+            assert "exists already" in refused(capsys, *verb, f"minari:{tmp_path}")
+    (tmp_path / "there.csv").unlink()
+    assert "there.schema.json exists already" in refused(capsys, "rollout", run, "--out", tmp_path / "there.csv")
+
+
+def test_an_option_that_lacks_another_is_refused(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "in --data: name them, too" in refused(capsys, "styles", run, "--out", tmp_path / "labels.parquet")
+    assert "with --join or --as-found" in refused(capsys, "styles", run, "--env", "tvae/ZombieAttack-v0")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "generate RUN --out x.csv --episodes 0",
+        "generate RUN --out x.csv --episodes -1",
+        "generate RUN --out x.csv --window 0",
+        "rollout RUN --out x.csv --episodes 0",
+        "rollout RUN --out x.csv --window 0",
+        "evaluate RUN --samples 0",
+        "evaluate RUN --episodes 0",
+        "fit x.csv --out RUN --env tvae/ZombieAttack-v0 --episodes 0",
+        *(f"{verb} --seed -1" for verb in ("fit x.csv --out RUN", "demo", "data make zombie", "benchmark --out x")),
+        *(f"{verb} --seed -1" for verb in ("generate RUN --out x", "rollout RUN --out x", "evaluate RUN")),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    option, value = command.split()[-2:]
+    assert f'Invalid value "{value}" for {option}' in refused(capsys, *command.split())

@@ -4,7 +4,20 @@ from __future__ import annotations
 
 import sys
 
-from tvae.cli.options import COLUMNS, CONSOLE, MODEL, POLICY, TRAINING, Columns, Device, Flag, Force, Out, Seed
+from tvae.cli.options import (
+    COLUMNS,
+    CONSOLE,
+    MODEL,
+    POLICY,
+    TRAINING,
+    Columns,
+    Count,
+    Device,
+    Flag,
+    Force,
+    Out,
+    Seed,
+)
 from tvae.cli.tracking import TRACKING, Tracking
 from tvae.config import ModelConfig, PolicyConfig, RunConfig, TrainingConfig
 from tvae.errors import TvaeError
@@ -18,7 +31,7 @@ def fit(
     *,
     out: Out,
     env: str | None = None,
-    episodes: int = 1000,
+    episodes: Count = 1000,
     columns: Columns = COLUMNS,
     group: str | None = None,
     seed: Seed = 0,

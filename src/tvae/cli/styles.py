@@ -12,6 +12,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.joining import groups_with, rejoin
 from tvae.experiments.naming import rename as name_styles
 from tvae.experiments.tables import styles_table
+from tvae.experiments.targets import check_table
 from tvae.experiments.using import label, open_run
 
 Words = Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=True)]
@@ -45,10 +46,16 @@ def styles(
     data
         Sessions of the same signals, as in `tvae fit`.
     out
-        Parquet table to write: one row per session with style, probability and z.
+        Table to write, a .parquet or .csv file: one row per session with style, probability and z.
     """
     if join and as_found:
         raise TvaeError("--as-found undoes what was joined: give it or --join, not both")
+    if env is not None and not (join or as_found):
+        raise TvaeError("--env is for bots that are tried anew: give it with --join or --as-found")
+    if out is not None:
+        if data is None:
+            raise TvaeError(f"--out {out} gets the styles of the sessions in --data: name them, too")
+        check_table(out, overwrite=force)
     opened = open_run(run, device)
     if join or as_found:
         groups = groups_with(join, opened.findings) if join else []

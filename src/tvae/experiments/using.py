@@ -15,7 +15,7 @@ from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.styles import one_of
-from tvae.experiments.analysis import likelihood_per_step, styles_table, write_table
+from tvae.experiments.analysis import likelihood_per_step, styles_table
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
 from tvae.experiments.findings import Findings
@@ -23,6 +23,7 @@ from tvae.experiments.fitting import About, about_run
 from tvae.experiments.parallel import named_again
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.experiments.targets import write_table
 from tvae.generate.open_loop import imagine
 from tvae.model.decoding import Choice, LatentSource
 from tvae.model.tvae import TrajectoryVAE
@@ -95,7 +96,7 @@ def imagine_style(
 
 
 def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool, console: Console) -> IntArray:
-    """The style (N,) of other sessions, read as the run's own were; with `out`, also as a Parquet table."""
+    """The style (N,) of other sessions, read as the run's own were; with `out`, also as a table."""
     model = run.model
     sessions = replace(run.about.source, path=source).load(
         observation_space=model.observation_space, action_space=model.action_space
