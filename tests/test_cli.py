@@ -538,3 +538,71 @@ def test_an_option_that_lacks_another_is_refused(
 def test_a_number_that_cannot_be_is_refused(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     option, value = command.split()[-2:]
     assert f'Invalid value "{value}" for {option}' in refused(capsys, *command.split())
+
+
+def test_a_run_goes_on_as_it_was_configured(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    going: list[str] = []
+    for verb in ("fit", "demo"):
+        monkeypatch.setattr(f"tvae.cli.{verb}.complete", lambda *_, **__: going.append("on"))
+    resumed = ["fit", "--resume", "--out", str(run)]
+    env = ["--env", "tvae/ZombieAttack-v0", "--episodes", "12"]
+    call(*resumed)
+    call(*resumed, "--data", table, "--seed", "3", *SMALL, *env)
+    call(*resumed, "--training.num-steps", "2200")  # as by default, which may not have been said
+    call("demo", "--resume", "--out", run, "--seed", "3")
+    assert len(going) == 4
+    for options, words in (
+        (["--seed", "4"], "--seed 4 (there: 3)"),
+        (["--training.num-steps", "31"], "--training.num-steps 31 (there: 30)"),
+        (["--model.no-stop"], "--model.stop False (there: True)"),
+        (["--policy.batch-size", "5"], "--policy.batch-size 5 (there: 1024)"),
+        (["--group", "team"], "--group team (there: None)"),
+        (["--angular", "action.heading"], "--angular action.heading (there: )"),
+        (["--data", str(tmp_path)], f"the data set {tmp_path} (there: {table})"),
+        (["--env", "tvae/Circle-v0"], "--env tvae/Circle-v0 (there: tvae/ZombieAttack-v0)"),
+        (["--episodes", "13"], "--episodes 13 (there: 12)"),
+    ):
+        said = refused(capsys, *resumed, *options)
+        assert words in said
+        assert "another --out" in said
+    assert "--seed 4 (there: 3)" in refused(capsys, "demo", "--resume", "--out", run, "--seed", "4")
+    for verb in (resumed, ["demo", "--resume", "--out", str(run)]):
+        assert "give one of them, not both" in refused(capsys, *verb, "--force")
+    said = refused(capsys, "fit", table, "--out", tmp_path / "new", "--episodes", "5")
+    assert "name it with --env" in said
+    assert len(going) == 4
+
+
+def test_a_damaged_run_is_refused_in_words(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "run"
+    shutil.copytree(run, mine)
+
+    def damaged(name: str, content: bytes, *verbs: str) -> Iterator[str]:
+        whole = (mine / name).read_bytes()
+        (mine / name).write_bytes(content)
+        for verb in verbs:
+            out = {"generate": ["--out", "x.csv"], "embed": ["--out", "z.csv"], "export": ["--out", "onnx"]}
+            yield refused(capsys, verb, mine, *out.get(verb, []))
+        (mine / name).write_bytes(whole)
+
+    later = json.loads((mine / "playstyles.json").read_text())
+    later["playstyles"]["schema_version"] = 99
+    for said in damaged(
+        "playstyles.json", json.dumps(later).encode(), "styles", "generate", "report", "embed", "export"
+    ):
+        assert "playstyles.json does not hold playstyles: needs format tvae-playstyles, schema version 1" in said
+    for said in damaged("playstyles.json", b"[]", "styles", "report"):
+        assert "playstyles.json does not hold playstyles" in said
+    styles = (mine / "styles.parquet").read_bytes()
+    for content in (b"", styles[: len(styles) // 2]):
+        for said in damaged("styles.parquet", content, "report"):
+            assert "styles.parquet is not whole" in said
+    pq.write_table(pq.read_table(mine / "styles.parquet").slice(0, 3), tmp_path / "few.parquet")
+    for said in damaged("styles.parquet", (tmp_path / "few.parquet").read_bytes(), "report"):
+        assert "a row for each of 80 sessions, got 3 rows of episode, style" in said
+    for content in (b"{}", b"[]"):
+        for said in damaged("metrics.json", content, "report"):
+            assert "metrics.json is not whole: it has no playstyles" in said
+    call("report", mine)

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 import pytest
@@ -184,3 +185,24 @@ def test_a_table_is_what_its_name_says(
         (tmp_path / "folder.csv").mkdir(exist_ok=True)
         assert "is a directory" in refused(capsys, *verb, "--out", tmp_path / "folder.csv", "--force")
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix not in {".csv", ".parquet"}) == []
+
+
+def test_a_file_that_is_one_session_is_read_with_its_directory(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demonstrations = zombie_demonstrations(24)
+    tvae.save_demonstrations(demonstrations, tmp_path / "all.parquet")
+    rows = pq.read_table(tmp_path / "all.parquet").replace_schema_metadata(None)
+    for folder in ("old", "new"):
+        (tmp_path / folder).mkdir()
+    for index in range(24):
+        one = rows.filter(pc.equal(rows["episode"], index)).drop_columns(["episode"])
+        pa_csv.write_csv(one, tmp_path / ("new" if index == 23 else "old") / f"s{index}.csv")
+    call("fit", tmp_path / "old", "--out", tmp_path / "run", "--device", "cpu", *SMALL)
+    one = tmp_path / "new" / "s23.csv"
+    for options in (["embed", str(tmp_path / "run"), str(one)], ["styles", str(tmp_path / "run"), "--data", str(one)]):
+        said = refused(capsys, *options, "--out", tmp_path / "z.csv")
+        assert "needs a column 'episode'" in said
+        assert f"give {tmp_path / 'new'}" in said
+    call("embed", tmp_path / "run", tmp_path / "new", "--out", tmp_path / "z.csv")
+    assert len(pa_csv.read_csv(tmp_path / "z.csv")) == 1

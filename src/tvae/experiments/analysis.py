@@ -20,9 +20,9 @@ from tvae.evaluate.likelihood import importance_weighted_bound
 from tvae.evaluate.playstyles import find_playstyles, join, label_agreement, match
 from tvae.evaluate.styles import Playstyles
 from tvae.evaluate.words import describe
-from tvae.experiments.findings import Findings
+from tvae.experiments.findings import Findings, read_findings
 from tvae.experiments.fitting import update_metrics
-from tvae.experiments.run_directory import RunDirectory, read_json, write_json
+from tvae.experiments.run_directory import RunDirectory, write_json
 from tvae.experiments.targets import write_table
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
@@ -75,7 +75,7 @@ def _before(run: RunDirectory, found: Playstyles, posteriors: Posteriors) -> Fin
     """What an earlier analysis of the run left, where it found the same styles."""
     if not run.playstyles.exists():
         return None
-    before = Findings.from_json(read_json(run.playstyles))
+    before = read_findings(run.playstyles)
     groups = _joined(before)
     if max((part for group in groups for part in group), default=0) >= len(found):
         return None

@@ -45,13 +45,13 @@ class Trained:
 
         Raises `DataError` for other signals than the model's, `TvaeError` where there is no run to know its own.
         """
+        spaces = (self.model.observation_space, self.model.action_space)
         if self.about is not None:
-            source = self.about.source if data is None else replace(self.about.source, path=data)
-        elif data is not None:
-            source = Source(data)
-        else:
+            source = self.about.source
+            return source.load(*spaces) if data is None else source.load_others(data, *spaces)
+        if data is None:
             raise TvaeError(f"{self.directory} holds a model without a run, which knows no sessions: name a data set")
-        return source.load(observation_space=self.model.observation_space, action_space=self.model.action_space)
+        return Source(data).load(*spaces)
 
 
 def open_trained(name: str, device: str) -> Trained:
