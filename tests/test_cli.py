@@ -34,6 +34,7 @@ from tvae.experiments.fitting import about_run, split
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Reading, Source
 from tvae.experiments.using import act, imagine_style, open_run
+from tvae.files import appearing
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.restless import Restless
 from tvae.model.decoding import LatentSource, sampled
@@ -432,8 +433,13 @@ def test_directories_of_others_are_left_alone(
     said = refused(capsys, "fit", mine / "zombie.parquet", "--out", mine, "--force", *SMALL)
     assert "holds what is to be read" in said
     assert (mine / "zombie.parquet").exists()
-    said = refused(capsys, "embed", run, "--out", app, "--force")
-    assert "app is a directory, and a file cannot take its place; choose another name" in said
+    app = app.rename(tmp_path / "app.parquet")
+    assert "app.parquet is a directory" in refused(capsys, "embed", run, "--out", app, "--force")
+    with (
+        pytest.raises(FileExistsError, match="is a directory, and a file cannot take its place"),
+        appearing(app, overwrite=True) as partial,
+    ):
+        partial.write_text("a table")
     assert [path.name for path in app.iterdir()] == ["config.json"]
 
 
@@ -543,3 +549,154 @@ def test_a_run_killed_three_times_ends_in_the_same_weights(table: Path, tmp_path
     mine, other = (load_file(path / "model.safetensors") for path in (straight, killed))
     assert mine.keys() == other.keys()
     assert all((mine[name] == other[name]).all() for name in mine)
+
+
+def test_a_target_that_cannot_be_is_refused_in_one_line(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    for target in (tmp_path / "file" / "z.parquet", tmp_path / "file" / "run"):
+        verb = ["embed", run] if target.suffix else ["fit", table, *SMALL]
+        said = refused(capsys, *verb, "--out", target)
+        assert said.startswith("tvae: ")
+        assert "Traceback" not in said
+
+    def forbidden(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", "runs")
+
+    monkeypatch.setattr("tvae.cli.report.write_report", forbidden)
+    assert refused(capsys, "report", run) == "tvae: [Errno 13] Permission denied: 'runs'\n"
+
+
+def test_a_path_is_printed_as_it_is(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "my [bold] dir" / "ru[" / "n] 1"
+    shutil.copytree(run, mine)
+    out = mine.parent
+    call("report", mine)
+    call("styles", mine, "--data", mine / "rollouts/style-0.parquet", "--out", out / "labels.parquet")
+    call("generate", mine, "--episodes", "2", "--out", out / "imagined.csv")
+    call("rollout", mine, "--episodes", "2", "--out", out / "bot.csv")
+    call("export", mine, "--out", out / "export")
+    said = "".join(capsys.readouterr().out.split())
+    for name in ("n] 1/report.html", "labels.parquet", "imagined.csv", "bot.csv", "export/manifest.json"):
+        assert f"{out}/{name}".replace(" ", "") in said, name
+
+
+def test_a_target_is_refused_before_the_work(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("it began")
+
+    for verb in ("generate", "rollout", "styles"):
+        monkeypatch.setattr(f"tvae.cli.{verb}.open_run", work)
+    monkeypatch.setattr("tvae.cli.data.Source", work)
+    for name in ("there.csv", "there.schema.json", "there.parquet", "there.tvae"):
+        (tmp_path / name).write_text("mine")
+    tables = ["styles", str(run), "--data", str(table), "--out"]
+    acting = [[verb, str(run), "--out"] for verb in ("generate", "rollout")]
+    for verb in (*acting, ["data", "convert", str(table)], tables):
+        assert "needs to end with" in refused(capsys, *verb, tmp_path / "x.txt")
+        assert "exists already" in refused(capsys, *verb, tmp_path / "there.csv")
+        assert "exists already" in refused(capsys, *verb, tmp_path / "there.parquet")
+        assert "there.csv is a file" in refused(capsys, *verb, tmp_path / "there.csv" / "deep" / "x.csv")
+        if verb != tables:
+            assert "exists already" in refused(capsys, *verb, tmp_path / "there.tvae")
+            assert "exists already" in refused(capsys, *verb, f"minari:{tmp_path}")
+    (tmp_path / "there.csv").unlink()
+    assert "there.schema.json exists already" in refused(capsys, "rollout", run, "--out", tmp_path / "there.csv")
+
+
+def test_an_option_that_lacks_another_is_refused(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "in --data: name them, too" in refused(capsys, "styles", run, "--out", tmp_path / "labels.parquet")
+    assert "with --join or --as-found" in refused(capsys, "styles", run, "--env", "tvae/ZombieAttack-v0")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "generate RUN --out x.csv --episodes 0",
+        "generate RUN --out x.csv --episodes -1",
+        "generate RUN --out x.csv --window 0",
+        "rollout RUN --out x.csv --episodes 0",
+        "rollout RUN --out x.csv --window 0",
+        "evaluate RUN --samples 0",
+        "evaluate RUN --episodes 0",
+        "fit x.csv --out RUN --env tvae/ZombieAttack-v0 --episodes 0",
+        *(f"{verb} --seed -1" for verb in ("fit x.csv --out RUN", "demo", "data make zombie", "benchmark --out x")),
+        *(f"{verb} --seed -1" for verb in ("generate RUN --out x", "rollout RUN --out x", "evaluate RUN")),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    option, value = command.split()[-2:]
+    assert f'Invalid value "{value}" for {option}' in refused(capsys, *command.split())
+
+
+def test_a_run_goes_on_as_it_was_configured(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    going: list[str] = []
+    for verb in ("fit", "demo"):
+        monkeypatch.setattr(f"tvae.cli.{verb}.complete", lambda *_, **__: going.append("on"))
+    resumed = ["fit", "--resume", "--out", str(run)]
+    env = ["--env", "tvae/ZombieAttack-v0", "--episodes", "12"]
+    call(*resumed)
+    call(*resumed, "--data", table, "--seed", "3", *SMALL, *env)
+    call(*resumed, "--training.num-steps", "2200")  # as by default, which may not have been said
+    call("demo", "--resume", "--out", run, "--seed", "3")
+    assert len(going) == 4
+    for options, words in (
+        (["--seed", "4"], "--seed 4 (there: 3)"),
+        (["--training.num-steps", "31"], "--training.num-steps 31 (there: 30)"),
+        (["--model.no-stop"], "--model.stop False (there: True)"),
+        (["--policy.batch-size", "5"], "--policy.batch-size 5 (there: 1024)"),
+        (["--group", "team"], "--group team (there: None)"),
+        (["--angular", "action.heading"], "--angular action.heading (there: )"),
+        (["--data", str(tmp_path)], f"the data set {tmp_path} (there: {table})"),
+        (["--env", "tvae/Circle-v0"], "--env tvae/Circle-v0 (there: tvae/ZombieAttack-v0)"),
+        (["--episodes", "13"], "--episodes 13 (there: 12)"),
+    ):
+        said = refused(capsys, *resumed, *options)
+        assert words in said
+        assert "another --out" in said
+    assert "--seed 4 (there: 3)" in refused(capsys, "demo", "--resume", "--out", run, "--seed", "4")
+    for verb in (resumed, ["demo", "--resume", "--out", str(run)]):
+        assert "give one of them, not both" in refused(capsys, *verb, "--force")
+    said = refused(capsys, "fit", table, "--out", tmp_path / "new", "--episodes", "5")
+    assert "name it with --env" in said
+    assert len(going) == 4
+
+
+def test_a_damaged_run_is_refused_in_words(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "run"
+    shutil.copytree(run, mine)
+
+    def damaged(name: str, content: bytes, *verbs: str) -> Iterator[str]:
+        whole = (mine / name).read_bytes()
+        (mine / name).write_bytes(content)
+        for verb in verbs:
+            out = {"generate": ["--out", "x.csv"], "embed": ["--out", "z.csv"], "export": ["--out", "onnx"]}
+            yield refused(capsys, verb, mine, *out.get(verb, []))
+        (mine / name).write_bytes(whole)
+
+    later = json.loads((mine / "playstyles.json").read_text())
+    later["playstyles"]["schema_version"] = 99
+    for said in damaged(
+        "playstyles.json", json.dumps(later).encode(), "styles", "generate", "report", "embed", "export"
+    ):
+        assert "playstyles.json does not hold playstyles: needs format tvae-playstyles, schema version 1" in said
+    for said in damaged("playstyles.json", b"[]", "styles", "report"):
+        assert "playstyles.json does not hold playstyles" in said
+    styles = (mine / "styles.parquet").read_bytes()
+    for content in (b"", styles[: len(styles) // 2]):
+        for said in damaged("styles.parquet", content, "report"):
+            assert "styles.parquet is not whole" in said
+    pq.write_table(pq.read_table(mine / "styles.parquet").slice(0, 3), tmp_path / "few.parquet")
+    for said in damaged("styles.parquet", (tmp_path / "few.parquet").read_bytes(), "report"):
+        assert "a row for each of 80 sessions, got 3 rows of episode, style" in said
+    for content in (b"{}", b"[]"):
+        for said in damaged("metrics.json", content, "report"):
+            assert "metrics.json is not whole: it has no playstyles" in said
+    call("report", mine)

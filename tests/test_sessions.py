@@ -6,6 +6,8 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 import pytest
 
@@ -148,7 +150,7 @@ def test_what_cannot_be_is_said(
     assert "to [red]s39" in said
     narrow = pq.read_table(table).drop_columns(["observation.distance_to_zombie"]).replace_schema_metadata(None)
     pq.write_table(narrow, tmp_path / "narrow.parquet")
-    out = tmp_path / "out.parquet"
+    out, new = tmp_path / "out.parquet", tmp_path / "new.parquet"
     for verb in (["embed", "--out", str(out)], ["score", "--out", str(out)], ["similar", "[red]s7"]):
         said = refused(capsys, verb[0], run, tmp_path / "narrow.parquet", *verb[1:])
         assert "column observation.distance_to_zombie: is missing; there are observation.distance_to_goal" in said
@@ -157,12 +159,50 @@ def test_what_cannot_be_is_said(
     out.write_text("mine")
     for verb in ("embed", "score"):
         assert "exists already" in refused(capsys, verb, run, table, "--out", out)
-        assert "knows no sessions: name a data set" in refused(capsys, verb, "zombie", "--out", tmp_path / "new")
-        assert "there is no model 'chess'" in refused(capsys, verb, "chess", "--out", tmp_path / "new")
+        assert "knows no sessions: name a data set" in refused(capsys, verb, "zombie", "--out", new)
+        assert "there is no model 'chess'" in refused(capsys, verb, "chess", "--out", new)
     assert out.read_text() == "mine"
     call("embed", run, "--out", out, "--force")
     assert len(pq.read_table(out)) == 40
     shutil.copytree(pretrained_directory("zombie"), tmp_path / "model")
     (tmp_path / "model/playstyles.json").unlink()
-    assert "holds no playstyles" in refused(capsys, "embed", tmp_path / "model", table, "--out", tmp_path / "new")
-    call("score", tmp_path / "model", table, "--out", tmp_path / "new")
+    assert "holds no playstyles" in refused(capsys, "embed", tmp_path / "model", table, "--out", new)
+    call("score", tmp_path / "model", table, "--out", new)
+
+
+def test_a_table_is_what_its_name_says(
+    run: Path, table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verbs = ("embed", run), ("score", run), ("similar", run, "[red]s7"), ("styles", run, "--data", table)
+    for verb in verbs:
+        call(*verb, "--out", tmp_path / f"{verb[0]}.csv")
+        call(*verb, "--out", tmp_path / f"{verb[0]}.parquet")
+        written = pq.read_table(tmp_path / f"{verb[0]}.parquet")
+        text = pa_csv.read_csv(tmp_path / f"{verb[0]}.csv")
+        assert text.column_names == written.column_names
+        assert text["episode"].to_pylist() == written["episode"].to_pylist()
+        assert "needs to end with .parquet or .csv" in refused(capsys, *verb, "--out", tmp_path / "z.xlsx")
+        (tmp_path / "folder.csv").mkdir(exist_ok=True)
+        assert "is a directory" in refused(capsys, *verb, "--out", tmp_path / "folder.csv", "--force")
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix not in {".csv", ".parquet"}) == []
+
+
+def test_a_file_that_is_one_session_is_read_with_its_directory(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demonstrations = zombie_demonstrations(24)
+    tvae.save_demonstrations(demonstrations, tmp_path / "all.parquet")
+    rows = pq.read_table(tmp_path / "all.parquet").replace_schema_metadata(None)
+    for folder in ("old", "new"):
+        (tmp_path / folder).mkdir()
+    for index in range(24):
+        one = rows.filter(pc.equal(rows["episode"], index)).drop_columns(["episode"])
+        pa_csv.write_csv(one, tmp_path / ("new" if index == 23 else "old") / f"s{index}.csv")
+    call("fit", tmp_path / "old", "--out", tmp_path / "run", "--device", "cpu", *SMALL)
+    one = tmp_path / "new" / "s23.csv"
+    for options in (["embed", str(tmp_path / "run"), str(one)], ["styles", str(tmp_path / "run"), "--data", str(one)]):
+        said = refused(capsys, *options, "--out", tmp_path / "z.csv")
+        assert "needs a column 'episode'" in said
+        assert f"give {tmp_path / 'new'}" in said
+    call("embed", tmp_path / "run", tmp_path / "new", "--out", tmp_path / "z.csv")
+    assert len(pa_csv.read_csv(tmp_path / "z.csv")) == 1

@@ -112,6 +112,7 @@ def test_the_options_name_the_projects(
     given: list[tuple[Tracker, ...]] = []
     module = import_module(f"tvae.cli.{verb}")
     monkeypatch.setattr(module, "resumed_run", lambda out, env=None: None)
+    monkeypatch.setattr(module, "check_resumed", lambda out, config, **options: None)
     monkeypatch.setattr(module, "complete", lambda begun, trackers, **options: given.append(trackers))
     for options in ([], ["--wandb", "ours"], ["--wandb", "ours", "--trackio", "mine"]):
         call(verb, "--resume", "--out", tmp_path, *options)

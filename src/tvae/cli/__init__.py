@@ -136,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.setdefault("GOMP_SPINCOUNT", "2000")  # threads that wait must not slow other processes down
     try:
         app.meta(arguments)
-    except (TvaeError, gymnasium.error.Error, FileNotFoundError, FileExistsError) as error:
+    except (TvaeError, gymnasium.error.Error, OSError) as error:
         print(f"tvae: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:

@@ -12,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from tvae.cli.options import CONSOLE, Flag, Force
+from tvae.cli.options import CONSOLE, Count, Flag, Force
 from tvae.experiments.benchmark.benchmark import Plan
 from tvae.experiments.benchmark.benchmark import benchmark as run
 from tvae.experiments.benchmark.cells import QUICK, Budget
@@ -20,7 +20,6 @@ from tvae.experiments.benchmark.methods import METHODS
 from tvae.experiments.benchmark.tasks import PAPER
 
 CORES = os.cpu_count() or 1
-Count = Annotated[int, Parameter(validator=Number(gte=1))]
 Names = Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=True)]
 
 
@@ -28,7 +27,7 @@ def benchmark(
     *,
     out: Path,
     seeds: Count = 5,
-    seed: int = 0,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
     tasks: Names = PAPER,
     methods: Names = tuple(METHODS),
     quick: Flag = False,

@@ -15,6 +15,7 @@ from tvae.data.validation import examine_source, summarise
 from tvae.experiments.remedies import doubts, hinted, options_for
 from tvae.experiments.source import Source
 from tvae.experiments.tables import signals_table
+from tvae.experiments.targets import check_demonstrations
 from tvae.experiments.tasks import TASKS
 from tvae.figures.canvas import save
 from tvae.figures.overview import draw_overview
@@ -44,7 +45,7 @@ def info(data: str, *, columns: Columns = COLUMNS, out: Path | None = None) -> N
     for hint in hinted(hints(demonstrations, decided)):
         CONSOLE.print(hint, highlight=False, markup=False)
     if columns.left_over is not None:
-        CONSOLE.print(columns.left_over, highlight=False)
+        CONSOLE.print(columns.left_over, highlight=False, markup=False)
     for attribute in summary.attributes:
         values = ", ".join(f"{value} ({count})" for value, count in attribute.counts[:8])
         CONSOLE.print(f"{attribute.name}: {attribute.num_values} values: {values}", highlight=False, markup=False)
@@ -86,7 +87,7 @@ def validate(data: str, *, columns: Columns = COLUMNS) -> None:
     for hint in hinted(found.hints):
         CONSOLE.print(hint, highlight=False, markup=False)
     if columns.left_over is not None:
-        CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False)
+        CONSOLE.print(f"{columns.left_over} `tvae data info` lists all.", highlight=False, markup=False)
 
 
 def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = False) -> None:
@@ -99,6 +100,7 @@ def convert(data: str, out: str, *, columns: Columns = COLUMNS, force: Force = F
     out
         NAME.parquet, NAME.csv, NAME.csv.gz, NAME.tvae (memory-mapped directory), or minari:ID.
     """
+    check_demonstrations(out, overwrite=force)
     demonstrations = Source(data, columns).load()
     save_demonstrations(demonstrations, out, overwrite=force)
     CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {out}", markup=False)
@@ -122,8 +124,9 @@ def make(
     data
         The file of the human demonstrations, of pusht and overcooked; by default the one in data/.
     """
+    target = f"minari:tvae/{task}-v0" if out is None else out
+    check_demonstrations(target, overwrite=force)
     recipe = TASKS[task](data, seed)
     demonstrations = recipe.demonstrations()
-    target = f"minari:tvae/{task}-v0" if out is None else out
     save_demonstrations(demonstrations, target, overwrite=force, environment=recipe.arena.env)
     CONSOLE.print(f"{len(demonstrations)} episodes, {demonstrations.num_steps} steps: {target}", markup=False)

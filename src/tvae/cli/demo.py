@@ -8,6 +8,8 @@ from typing import Literal
 
 from tvae.cli.options import CONSOLE, Device, Flag, Force, Seed
 from tvae.cli.tracking import TRACKING, Tracking
+from tvae.config import RunConfig
+from tvae.experiments.resuming import check_resumed
 from tvae.experiments.run import complete, new_recipe_run, resumed_run
 from tvae.experiments.tasks import TASKS
 
@@ -41,6 +43,7 @@ def demo(
     directory = out or Path("runs") / task
     trackers = tracking.trackers()
     if resume:
+        check_resumed(directory, RunConfig(seed=seed), force=force)
         begun = resumed_run(directory)
     else:
         recipe = TASKS[task](data, seed)

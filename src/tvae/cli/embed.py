@@ -19,7 +19,7 @@ def embed(
     data
         Sessions of the model's signals: a Parquet or CSV table, a directory, or a Minari id; by default the run's own.
     out
-        Parquet table to write.
+        Table to write, a .parquet or .csv file.
     """
     count = embed_sessions(open_trained(run, device), data, out, overwrite=force)
     CONSOLE.print(f"{count} sessions: {out}", markup=False)

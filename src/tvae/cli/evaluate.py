@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tvae.cli.options import CONSOLE, Device, Run, Seed
+from tvae.cli.options import CONSOLE, Count, Device, Run, Seed
 from tvae.experiments.bots import try_bots
 from tvae.experiments.evaluation import compare_without_latent
 from tvae.experiments.tables import metrics_table
@@ -15,8 +15,8 @@ def evaluate(
     run: Run,
     *,
     env: str | None = None,
-    episodes: int = 1000,
-    samples: int = 64,
+    episodes: Count = 1000,
+    samples: Count = 64,
     seed: Seed = 1,
     device: Device = "auto",
 ) -> None:

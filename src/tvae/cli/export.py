@@ -21,4 +21,4 @@ def export(run: RunOrModel, *, out: Path, force: Force = False) -> None:
     written = export_model(run, out, force=force, console=CONSOLE)
     for graph in written.files:
         CONSOLE.print(f"{graph.graph.name}.onnx: differs from PyTorch by at most {graph.largest_difference:.1e}")
-    CONSOLE.print(f"what each number means and how to act: {written.directory / 'manifest.json'}")
+    CONSOLE.print(f"what each number means and how to act: {written.directory / 'manifest.json'}", markup=False)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, Styles, choice_of
+from tvae.cli.options import CONSOLE, Count, Device, Flag, Force, Run, Seed, Styles, choice_of
 from tvae.data.sources import save_demonstrations
+from tvae.experiments.targets import check_demonstrations
 from tvae.experiments.using import imagine_style, open_run
 
 
@@ -14,8 +15,8 @@ def generate(
     *,
     out: Path,
     style: Styles = ("0",),
-    episodes: int = 100,
-    window: int | None = None,
+    episodes: Count = 100,
+    window: Count | None = None,
     most_likely: Flag = False,
     temperature: float | None = None,
     seed: Seed = 0,
@@ -35,8 +36,9 @@ def generate(
     temperature
         T > 0: draw from p^(1/T) instead of p. Below 1 nearer to the most likely and less varied, 1 as learnt.
     """
+    check_demonstrations(out, overwrite=force)
     opened = open_run(run, device)
     choice = choice_of(most_likely=most_likely, temperature=temperature)
     found = imagine_style(opened, style, episodes, choice=choice, window=window, seed=seed)
     save_demonstrations(found, out, overwrite=force)
-    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")
+    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}", markup=False)

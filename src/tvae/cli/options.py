@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 from rich.console import Console
 
 from tvae.config import ModelConfig, PolicyConfig, TrainingConfig
@@ -42,7 +43,8 @@ Styles = Annotated[
         "Given several times: each episode is of one of them, drawn by their shares.",
     ),
 ]
-Seed = Annotated[int, Parameter(help="Everything random depends on it.")]
+Count = Annotated[int, Parameter(validator=Number(gte=1))]
+Seed = Annotated[int, Parameter(help="Everything random depends on it.", validator=Number(gte=0))]
 Device = Annotated[str, Parameter(help="auto, cpu, cuda, cuda:N or mps.")]
 Force = Annotated[bool, Parameter(help="Replace what is there already.", negative="")]
 Flag = Annotated[bool, Parameter(negative="")]

@@ -13,4 +13,4 @@ def report(run: Run) -> None:
     """
     directory = RunDirectory.existing(run)
     write_report(directory, demonstrations_of(directory))
-    CONSOLE.print(f"report: {directory.report}")
+    CONSOLE.print(f"report: {directory.report}", markup=False)

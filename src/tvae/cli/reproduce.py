@@ -6,18 +6,14 @@ import os
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-from cyclopts.validators import Number
-
-from tvae.cli.options import CONSOLE, Device, Flag, Force
+from tvae.cli.options import CONSOLE, Count, Device, Flag, Force
 from tvae.experiments.reproduction.cells import Effort
 from tvae.experiments.reproduction.reproduce import TASKS, Plan
 from tvae.experiments.reproduction.reproduce import reproduce as run
 
 CORES = os.cpu_count() or 1
-Count = Annotated[int, Parameter(validator=Number(gte=1))]
 
 
 def reproduce(

@@ -7,10 +7,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tvae.cli.options import CONSOLE, Device, Flag, Force, Run, Seed, Styles, choice_of
+from tvae.cli.options import CONSOLE, Count, Device, Flag, Force, Run, Seed, Styles, choice_of
 from tvae.data.sources import save_demonstrations
 from tvae.errors import TvaeError
 from tvae.experiments.fitting import demonstrations_of
+from tvae.experiments.targets import check_demonstrations
 from tvae.experiments.using import act, open_run
 from tvae.generate.closed_loop import LatentPolicy
 from tvae.generate.restless import Restless
@@ -24,8 +25,8 @@ def rollout(
     out: Path,
     style: Styles = ("0",),
     env: str | None = None,
-    episodes: int | None = None,
-    window: int | None = None,
+    episodes: Count | None = None,
+    window: Count | None = None,
     most_likely: Flag = False,
     temperature: float | None = None,
     restless: Flag = False,
@@ -53,6 +54,7 @@ def rollout(
     restless
         Try something else where nothing new has been seen for longer than in the run's demonstrations.
     """
+    check_demonstrations(out, overwrite=force)
     opened = open_run(run, device)
     arena = opened.arena(env)
     if episodes is not None:
@@ -68,4 +70,4 @@ def rollout(
         )
     found = act(opened, style, arena, bot, seed=seed, console=CONSOLE)
     save_demonstrations(found, out, overwrite=force)
-    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}")
+    CONSOLE.print(f"{len(found)} episodes, {found.num_steps} steps: {out}", markup=False)

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-from cyclopts.validators import Number
-
-from tvae.cli.options import CONSOLE, Device, Force, RunOrModel
+from tvae.cli.options import CONSOLE, Count, Device, Force, RunOrModel
 from tvae.experiments.sessions import open_trained, score_sessions
 from tvae.experiments.tables import unlike_places_table, unlike_sessions_table
 
@@ -18,7 +14,7 @@ def score(
     data: str | None = None,
     *,
     out: Path,
-    count: Annotated[int, Parameter(validator=Number(gte=1))] = 10,
+    count: Count = 10,
     device: Device = "auto",
     force: Force = False,
 ) -> None:
@@ -32,7 +28,7 @@ def score(
     data
         Sessions of the model's signals: a Parquet or CSV table, a directory, or a Minari id; by default the run's own.
     out
-        Parquet table to write, one row per step.
+        Table to write, a .parquet or .csv file, one row per step.
     count
         How many sessions, and how many steps, to list.
     """

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-from cyclopts.validators import Number
-
-from tvae.cli.options import CONSOLE, Device, Force, RunOrModel
-from tvae.experiments.analysis import write_table
+from tvae.cli.options import CONSOLE, Count, Device, Force, RunOrModel
 from tvae.experiments.sessions import open_trained, similar_table
 from tvae.experiments.tables import rows_table
+from tvae.experiments.targets import check_table, write_table
 
 
 def similar(
@@ -19,7 +15,7 @@ def similar(
     data: str,
     session: str | None = None,
     *,
-    count: Annotated[int, Parameter(validator=Number(gte=1))] = 10,
+    count: Count = 10,
     out: Path | None = None,
     device: Device = "auto",
     force: Force = False,
@@ -38,8 +34,10 @@ def similar(
     count
         How many to list.
     out
-        Parquet table to write as well.
+        Table to write as well, a .parquet or .csv file.
     """
+    if out is not None:
+        check_table(out, overwrite=force)
     where, which = (None, data) if session is None else (data, session)
     found = similar_table(open_trained(run, device), where, which, count=count)
     CONSOLE.print(rows_table(found))

@@ -12,6 +12,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.joining import groups_with, rejoin
 from tvae.experiments.naming import rename as name_styles
 from tvae.experiments.tables import styles_table
+from tvae.experiments.targets import check_table
 from tvae.experiments.using import label, open_run
 
 Words = Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=True)]
@@ -45,20 +46,26 @@ def styles(
     data
         Sessions of the same signals, as in `tvae fit`.
     out
-        Parquet table to write: one row per session with style, probability and z.
+        Table to write, a .parquet or .csv file: one row per session with style, probability and z.
     """
     if join and as_found:
         raise TvaeError("--as-found undoes what was joined: give it or --join, not both")
+    if env is not None and not (join or as_found):
+        raise TvaeError("--env is for bots that are tried anew: give it with --join or --as-found")
+    if out is not None:
+        if data is None:
+            raise TvaeError(f"--out {out} gets the styles of the sessions in --data: name them, too")
+        check_table(out, overwrite=force)
     opened = open_run(run, device)
     if join or as_found:
         groups = groups_with(join, opened.findings) if join else []
         opened = rejoin(opened, groups, env, console=CONSOLE)
     if rename:
         opened = name_styles(opened, rename)
-    CONSOLE.print(opened.findings.playstyles.verdict)
+    CONSOLE.print(opened.findings.playstyles.verdict, markup=False)
     CONSOLE.print(styles_table(opened))
     if opened.findings.explanation:
-        CONSOLE.print(opened.findings.explanation, highlight=False)
+        CONSOLE.print(opened.findings.explanation, highlight=False, markup=False)
     if rename:
         CONSOLE.print(f"The report shows these names after: tvae report {run}", highlight=False, markup=False)
     elif join or as_found:
@@ -69,4 +76,4 @@ def styles(
             share = (labelled == style.index).mean()
             CONSOLE.print(f"{opened.findings.name(style)}: {share:.0%} of the sessions in {data}", markup=False)
         if out is not None:
-            CONSOLE.print(f"{len(labelled)} sessions: {out}")
+            CONSOLE.print(f"{len(labelled)} sessions: {out}", markup=False)

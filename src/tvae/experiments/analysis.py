@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import torch
 from numpy.typing import NDArray
 from rich.console import Console
@@ -22,10 +20,10 @@ from tvae.evaluate.likelihood import importance_weighted_bound
 from tvae.evaluate.playstyles import find_playstyles, join, label_agreement, match
 from tvae.evaluate.styles import Playstyles
 from tvae.evaluate.words import describe
-from tvae.experiments.findings import Findings
+from tvae.experiments.findings import Findings, read_findings
 from tvae.experiments.fitting import update_metrics
-from tvae.experiments.run_directory import RunDirectory, read_json, write_json
-from tvae.files import appearing
+from tvae.experiments.run_directory import RunDirectory, write_json
+from tvae.experiments.targets import write_table
 from tvae.model.tvae import TrajectoryVAE
 from tvae.spaces import FloatArray, IntArray
 
@@ -77,7 +75,7 @@ def _before(run: RunDirectory, found: Playstyles, posteriors: Posteriors) -> Fin
     """What an earlier analysis of the run left, where it found the same styles."""
     if not run.playstyles.exists():
         return None
-    before = Findings.from_json(read_json(run.playstyles))
+    before = read_findings(run.playstyles)
     groups = _joined(before)
     if max((part for group in groups for part in group), default=0) >= len(found):
         return None
@@ -197,9 +195,3 @@ def styles_table(
             "log_likelihood_per_step": pa.array(likelihood, from_pandas=True),
         }
     )
-
-
-def write_table(table: pa.Table, path: Path, *, overwrite: bool) -> None:
-    """Write Parquet, whole or not at all; `FileExistsError` unless `overwrite`."""
-    with appearing(path, overwrite=overwrite) as partial:
-        pq.write_table(table, partial)

@@ -8,8 +8,7 @@ from rich.console import Console
 
 from tvae.data.degrees import with_degrees
 from tvae.data.table_schema import ACTION, OBSERVATION
-from tvae.errors import TvaeError
-from tvae.experiments.findings import Findings
+from tvae.experiments.findings import read_findings
 from tvae.experiments.fitting import about_run
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
@@ -24,11 +23,7 @@ def styles_of(directory: Path) -> tuple[NamedStyle, ...]:
     path = directory / "playstyles.json"
     if not path.is_file():
         return ()
-    data = read_json(path)
-    try:
-        found = Findings.from_json(data)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise TvaeError(f"{path} does not hold playstyles: {error}") from error
+    found = read_findings(path)
     return named_styles(found.playstyles.styles, {**found.labels, **found.names}, found.words)
 
 

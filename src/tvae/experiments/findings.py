@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from tvae.errors import TvaeError
 from tvae.evaluate.styles import Playstyles, Style
 from tvae.evaluate.words import explanation
+from tvae.experiments.run_directory import RunDirectoryError, read_json
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,3 +120,12 @@ class Findings:
             {int(index): tuple(sentences) for index, sentences in data["words"].items()},
             {int(index): str(name) for index, name in data.get("names", {}).items()},
         )
+
+
+def read_findings(path: Path) -> Findings:
+    """What a `playstyles.json` holds; `RunDirectoryError` where it is missing, damaged or of another version."""
+    data = read_json(path)
+    try:
+        return Findings.from_json(data)
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise RunDirectoryError(f"{path} does not hold playstyles: {error}") from error

@@ -45,7 +45,7 @@ def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator
         def on_end(progress: checkpoint.Progress) -> None:
             said = ending(progress, config.training.num_steps)
             if said:
-                bar.console.print(said, highlight=False)
+                bar.console.print(said, markup=False, highlight=False)
 
         yield Observer(on_step, on_record, on_policy_step, on_end, on_note)
 

@@ -8,7 +8,7 @@ from tvae.data.issues import Issue, Remedy
 from tvae.data.validation import Summary, suspicions
 
 _OPTIONS: Mapping[Remedy, str] = {
-    Remedy.NAME_EPISODE: "name it: --episode COLUMN",
+    Remedy.NAME_EPISODE: "name it: --episode COLUMN; or, where each file is one episode, give their directory",
     Remedy.NAME_STEP: "name it: --step COLUMN where steps are numbered 0, 1, 2, ..., else --time COLUMN",
     Remedy.NAME_ACTIONS: "name them, or a pattern: --action COLUMN, once for each",
     Remedy.NAME_OBSERVATIONS: "with --action, what is left over are observations; or name them: --observation COLUMN",

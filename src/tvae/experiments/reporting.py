@@ -7,8 +7,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 from matplotlib.axes import Axes
@@ -20,9 +22,9 @@ from tvae.data.table_sets import is_pattern
 from tvae.data.trajectory import Trajectory
 from tvae.evaluate.styles import Style
 from tvae.experiments.arenas import knowledge_of
-from tvae.experiments.findings import Findings
+from tvae.experiments.findings import Findings, read_findings
 from tvae.experiments.fitting import About, about_run, history
-from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json
 from tvae.figures.lanes import Scales
 from tvae.figures.palette import style_colour
 from tvae.figures.trajectories import draw_trajectory
@@ -33,12 +35,12 @@ from tvae.report.page import write
 def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     """Write `report.html` from the files of the run and the demonstrations that it was fitted to."""
     about = about_run(run)
-    findings = Findings.from_json(read_json(run.playstyles))
+    findings = read_findings(run.playstyles)
     playstyles = findings.playstyles
-    table = pq.read_table(run.styles)
+    table = _styles(run, len(demonstrations))
     means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
     scales = Scales.of(demonstrations)
-    metrics = findings.shown(read_json(run.metrics))
+    metrics = findings.shown(_metrics(run))
     content = ReportContent(
         title=_name_of_data(run, about),
         run=run.path.resolve().name,
@@ -62,6 +64,29 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         versions={"Python": python_version(), "torch": torch.__version__, "gymnasium": version("gymnasium")},
     )
     write(content, run.report)
+
+
+def _styles(run: RunDirectory, count: int) -> pa.Table:
+    """The rows of `styles.parquet`; `RunDirectoryError` where it is not one for each of `count` sessions."""
+    needed = {"episode", "style", "probability"}
+    try:
+        table = pq.read_table(run.styles)
+    except (pa.ArrowException, OSError) as error:
+        raise RunDirectoryError(f"{run.styles} is not whole: {error}") from error
+    if not needed <= set(table.column_names) or len(table) != count:
+        raise RunDirectoryError(
+            f"{run.styles} needs the columns {', '.join(sorted(needed))} and a row for each of {count} sessions, "
+            f"got {len(table)} rows of {', '.join(table.column_names)}"
+        )
+    return table
+
+
+def _metrics(run: RunDirectory) -> dict[str, Any]:
+    """What `metrics.json` holds; `RunDirectoryError` where that is nothing of styles."""
+    metrics = read_json(run.metrics)
+    if not isinstance(metrics, dict) or not isinstance(metrics.get("playstyles"), dict):
+        raise RunDirectoryError(f"{run.metrics} is not whole: it has no playstyles")
+    return metrics
 
 
 def _name_of_data(run: RunDirectory, about: About) -> str:

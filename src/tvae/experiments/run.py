@@ -121,18 +121,18 @@ def complete(begun: Begun, *, device: str, console: Console, trackers: Sequence[
     for hint in hinted(begun.hints):
         console.print(hint, highlight=False, markup=False)
     if about.source.reading.left_over is not None:
-        console.print(about.source.reading.left_over, highlight=False)
+        console.print(about.source.reading.left_over, highlight=False, markup=False)
     model = fit_run(run, demonstrations, about, device=device, console=console, trackers=trackers)
     findings = analyse(run, model, demonstrations, about.config, console=console)
     _say(findings, console)
     if about.arena is not None:
         try_bots(run, model, findings, about.arena, seed=about.config.seed, console=console)
     write_report(run, demonstrations)
-    console.print(f"report: {run.report}")
+    console.print(f"report: {run.report}", highlight=False, markup=False)
 
 
 def _say(findings: Findings, console: Console) -> None:
-    console.print(findings.playstyles.verdict, highlight=False)
+    console.print(findings.playstyles.verdict, highlight=False, markup=False)
     for style in findings.playstyles.styles:
         words = "; ".join(findings.words[style.index])
         console.print(f"{findings.title(style)}: {words}", markup=False, highlight=False)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -25,7 +24,7 @@ from tvae.experiments.fitting import About, about_run, split
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
 from tvae.experiments.source import Source
-from tvae.files import appearing
+from tvae.experiments.targets import check_table, write_table
 from tvae.model.tvae import TrajectoryVAE
 from tvae.pretrained import pretrained_directory
 
@@ -46,13 +45,13 @@ class Trained:
 
         Raises `DataError` for other signals than the model's, `TvaeError` where there is no run to know its own.
         """
+        spaces = (self.model.observation_space, self.model.action_space)
         if self.about is not None:
-            source = self.about.source if data is None else replace(self.about.source, path=data)
-        elif data is not None:
-            source = Source(data)
-        else:
+            source = self.about.source
+            return source.load(*spaces) if data is None else source.load_others(data, *spaces)
+        if data is None:
             raise TvaeError(f"{self.directory} holds a model without a run, which knows no sessions: name a data set")
-        return source.load(observation_space=self.model.observation_space, action_space=self.model.action_space)
+        return Source(data).load(*spaces)
 
 
 def open_trained(name: str, device: str) -> Trained:
@@ -100,14 +99,11 @@ def embedding_table(sessions: Demonstrations, posteriors: Posteriors, playstyles
 
 
 def embed(trained: Trained, data: str | None, out: Path, *, overwrite: bool) -> int:
-    """Write `embedding_table` as Parquet, whole or not at all; how many sessions there are.
-
-    Raises `FileExistsError` for `out` that exists unless `overwrite`.
-    """
-    with appearing(out, overwrite=overwrite) as partial:
-        playstyles = Playstyles.load(trained.directory)
-        sessions = trained.sessions(data)
-        pq.write_table(embedding_table(sessions, encode(trained.model, sessions), playstyles), partial)
+    """Write `embedding_table`; how many sessions there are. Raises as `check_table` does, before anything is read."""
+    check_table(out, overwrite=overwrite)
+    playstyles = Playstyles.load(trained.directory)
+    sessions = trained.sessions(data)
+    write_table(embedding_table(sessions, encode(trained.model, sessions), playstyles), out, overwrite=overwrite)
     return len(sessions)
 
 
@@ -185,16 +181,16 @@ def scores_table(model: TrajectoryVAE, sessions: Demonstrations, scores: Scores)
 def score_sessions(
     trained: Trained, data: str | None, out: Path, *, overwrite: bool, console: Console
 ) -> Scored:
-    """Write `scores_table` as Parquet, whole or not at all, and score what the sessions are compared with.
+    """Write `scores_table`, and score what the sessions are compared with.
 
-    That is the run's held-out demonstrations where it can read them, else the sessions themselves. Raises
-    `FileExistsError` for `out` that exists unless `overwrite`.
+    That is the run's held-out demonstrations where it can read them, else the sessions themselves. Raises as
+    `check_table` does, before anything is read.
     """
+    check_table(out, overwrite=overwrite)
     model = trained.model
-    with appearing(out, overwrite=overwrite) as partial:
-        sessions = trained.sessions(data)
-        scores = _score(model, sessions, "sessions", console)
-        pq.write_table(scores_table(model, sessions, scores), partial)
+    sessions = trained.sessions(data)
+    scores = _score(model, sessions, "sessions", console)
+    write_table(scores_table(model, sessions, scores), out, overwrite=overwrite)
     columns = (
         *(f"action.{name}" for name in model.action_space.names),
         *(f"observation.{name}" for name in model.observation_space.names),

@@ -168,6 +168,18 @@ class Source:
         )
         return reading.cut(demonstrations), decided
 
+    def load_others(self, path: str, observation_space: Space, action_space: Space) -> Demonstrations:
+        """Other sessions, at `path`, read as these are. `DataError` likewise."""
+        try:
+            return replace(self, path=path).load(observation_space, action_space)
+        except DataError as error:
+            if "column 'episode'" in str(error) and Path(path).is_file() and not Path(self.path).is_file():
+                raise DataError(
+                    f"{error}. A file that is one session, as those of {self.path} may be, is read with its directory: "
+                    f"give {Path(path).parent}"
+                ) from error
+            raise
+
     def absolute(self) -> Source:
         """The same, found from any working directory."""
         here = Path(self.path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,14 +15,15 @@ from tvae.device import resolve_device
 from tvae.errors import TvaeError
 from tvae.evaluate.encoding import encode
 from tvae.evaluate.styles import one_of
-from tvae.experiments.analysis import likelihood_per_step, styles_table, write_table
+from tvae.experiments.analysis import likelihood_per_step, styles_table
 from tvae.experiments.arenas import Arena
 from tvae.experiments.bots import bot_episodes
-from tvae.experiments.findings import Findings
+from tvae.experiments.findings import Findings, read_findings
 from tvae.experiments.fitting import About, about_run, demonstrations_of
 from tvae.experiments.parallel import named_again
 from tvae.experiments.progress import counting
-from tvae.experiments.run_directory import RunDirectory, read_json
+from tvae.experiments.run_directory import RunDirectory
+from tvae.experiments.targets import write_table
 from tvae.generate.open_loop import imagine
 from tvae.model.decoding import Choice, LatentSource
 from tvae.model.tvae import TrajectoryVAE
@@ -55,7 +56,7 @@ def open_run(path: Path, device: str) -> FinishedRun:
         directory,
         about_run(directory),
         TrajectoryVAE.load(path).to(resolve_device(device)),
-        Findings.from_json(read_json(directory.playstyles)),
+        read_findings(directory.playstyles),
     )
 
 
@@ -95,11 +96,9 @@ def imagine_style(
 
 
 def label(run: FinishedRun, source: str, out: Path | None, *, overwrite: bool, console: Console) -> IntArray:
-    """The style (N,) of other sessions, read as the run's own were; with `out`, also as a Parquet table."""
+    """The style (N,) of other sessions, read as the run's own were; with `out`, also as a table."""
     model = run.model
-    sessions = replace(run.about.source, path=source).load(
-        observation_space=model.observation_space, action_space=model.action_space
-    )
+    sessions = run.about.source.load_others(source, model.observation_space, model.action_space)
     posteriors = encode(model, sessions)
     assignment, probability = run.findings.playstyles.assign(posteriors)
     if out is not None:

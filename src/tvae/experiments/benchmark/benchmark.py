@@ -80,7 +80,7 @@ def benchmark(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
     would not stand in one table.
     """
     for sentence in left_out(plan.methods, plan.tasks):
-        console.print(sentence, highlight=False)
+        console.print(sentence, markup=False, highlight=False)
     cells = plan.all_cells()
     waiting = cells if force else [cell for cell in cells if not cell.is_measured()]
     made_anew = {cell.name for cell in waiting}
@@ -89,7 +89,7 @@ def benchmark(plan: Plan, *, jobs: int, force: bool, console: Console) -> None:
     console.print(f"{len(cells)} cells, {len(cells) - len(waiting)} of them done already")
     make(waiting, jobs=jobs, console=console)
     write(plan)
-    console.print(f"{plan.out / 'README.md'}", highlight=False)
+    console.print(f"{plan.out / 'README.md'}", markup=False, highlight=False)
 
 
 def make(cells: Sequence[BenchmarkCell], *, jobs: int, console: Console) -> None:
@@ -100,7 +100,7 @@ def make(cells: Sequence[BenchmarkCell], *, jobs: int, console: Console) -> None
         try:
             for count, result in enumerate(as_completed(results), 1):
                 result.result()
-                console.print(f"{results[result].name}: done", highlight=False)
+                console.print(f"{results[result].name}: done", markup=False, highlight=False)
                 done(count)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

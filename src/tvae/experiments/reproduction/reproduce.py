@@ -94,7 +94,7 @@ def train_all(cells: Sequence[Cell], *, jobs: int, device: str, force: bool, con
                 cell = results[result]
                 for warning in read_json(cell.directory / "training.json")["warnings"]:
                     console.print(f"{cell.name}: {warning}", style="yellow", markup=False)
-                console.print(f"{cell.name}: done", highlight=False)
+                console.print(f"{cell.name}: done", markup=False, highlight=False)
                 done(count)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -135,7 +135,7 @@ def finish(plan: Plan, task: str, *, console: Console) -> None:
             picture.write(directory)
         for name, animation in study.animations(subject).items():
             save_animation(animation, directory / name)
-        console.print(f"{task}, {preset}: {directory}", highlight=False)
+        console.print(f"{task}, {preset}: {directory}", markup=False, highlight=False)
     home = plan.directory(task, "default")
     for picture in study.draw_across(runs):
         picture.write(home)
