@@ -591,7 +591,7 @@ def test_a_target_is_refused_before_the_work(
     for verb in ("generate", "rollout", "styles"):
         monkeypatch.setattr(f"tvae.cli.{verb}.open_run", work)
     monkeypatch.setattr("tvae.cli.data.Source", work)
-    for name in ("there.csv", "there.schema.json", "there.parquet", "there.tvae"):
+    for name in ("there.csv", "there.csv.schema.json", "there.parquet", "there.tvae"):
         (tmp_path / name).write_text("mine")
     tables = ["styles", str(run), "--data", str(table), "--out"]
     acting = [[verb, str(run), "--out"] for verb in ("generate", "rollout")]
@@ -604,7 +604,7 @@ def test_a_target_is_refused_before_the_work(
             assert "exists already" in refused(capsys, *verb, tmp_path / "there.tvae")
             assert "exists already" in refused(capsys, *verb, f"minari:{tmp_path}")
     (tmp_path / "there.csv").unlink()
-    assert "there.schema.json exists already" in refused(capsys, "rollout", run, "--out", tmp_path / "there.csv")
+    assert "there.csv.schema.json exists already" in refused(capsys, "rollout", run, "--out", tmp_path / "there.csv")
 
 
 def test_an_option_that_lacks_another_is_refused(
