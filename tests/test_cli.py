@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -590,7 +591,7 @@ def test_a_target_is_refused_before_the_work(
 
     for verb in ("generate", "rollout", "styles"):
         monkeypatch.setattr(f"tvae.cli.{verb}.open_run", work)
-    monkeypatch.setattr("tvae.cli.data.Source", work)
+    monkeypatch.setattr(import_module("tvae.cli.data"), "Source", work)
     for name in ("there.csv", "there.csv.schema.json", "there.parquet", "there.tvae"):
         (tmp_path / name).write_text("mine")
     tables = ["styles", str(run), "--data", str(table), "--out"]
