@@ -41,8 +41,8 @@ Measured as `docs/paper.md` says, over 1,000 fresh episodes of each bot with sam
 |---|---|
 {rows}
 
-It is the model of seed {seed} of `tvae reproduce {task}` at commit {commit}, and meant for trying things out and for the
-examples of the docs. MIT licence.
+It is the model of seed {seed} of `tvae reproduce {task}` at commit {commit}, and meant for trying things out and
+for the examples of the docs. MIT licence.
 """
 
 
