@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from data_strategies import assert_same
-from tvae.data import packing
+from tvae.data import identity, packing
 from tvae.data.arrays import from_arrays
 from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
@@ -85,6 +85,7 @@ def test_training_reads_no_more_of_many_than_of_few(
 ) -> None:
     monkeypatch.setattr(calibration, "MOST_ROWS", 1_000)
     monkeypatch.setattr(loop, "MOST_JUDGED_STEPS", 1_000)
+    monkeypatch.setattr(identity, "_MOST_STEPS", 1_000)
     read = []
     for count in (400, 2_000):
         streaming.make(tmp_path / "walks.tvae", count, 10)
