@@ -67,6 +67,11 @@ class Progress:
         return next(record for record in self.records if record.step == self.best_step)
 
 
+def copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
+    """The state of a module as it is now."""
+    return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
+
+
 def write_checkpoint(
     path: Path,
     *,

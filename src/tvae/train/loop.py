@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from tvae.data.batches import (
     BucketedSampler,
@@ -27,7 +27,7 @@ from tvae.model.elbo import Elbo, elbo
 from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut_anywhere
-from tvae.train.checkpoint import Progress, Record, Terms, read_checkpoint, write_checkpoint
+from tvae.train.checkpoint import Progress, Record, Terms, copy_of_weights, read_checkpoint, write_checkpoint
 from tvae.train.diagnosis import diagnose
 from tvae.train.memory import candidates, shortest_sufficient_window
 from tvae.train.observer import Observer
@@ -272,11 +272,6 @@ def _mean(terms: Elbo) -> Terms:
 
 def _average(terms: list[Terms]) -> Terms:
     return Terms(*np.mean([(t.policy, t.state, t.stop, t.kl, t.ahead) for t in terms], axis=0).tolist())
-
-
-def copy_of_weights(model: nn.Module) -> dict[str, Tensor]:
-    """The state of a module as it is now."""
-    return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
 
 
 def _finite(held_out: Terms, step: int) -> Terms:

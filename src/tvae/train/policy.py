@@ -19,8 +19,9 @@ from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import drawn, policy_windows
 from tvae.spaces import FloatArray
+from tvae.train.checkpoint import copy_of_weights
 from tvae.train.latents import EpisodeLatents
-from tvae.train.loop import TrainingError, copy_of_weights
+from tvae.train.loop import TrainingError
 from tvae.train.memory import candidates
 
 _EVALUATIONS = 10
