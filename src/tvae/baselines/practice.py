@@ -148,13 +148,13 @@ class Practice:
 @contextmanager
 def _own_randomness(seed: int) -> Iterator[None]:
     """As `seeded`, for NumPy's global generator too: Stable-Baselines3 shuffles with it."""
-    before = np.random.get_state()  # noqa: NPY002
-    np.random.seed(seed)  # noqa: NPY002
+    before = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
+    np.random.seed(seed)  # noqa: NPY002 - Stable-Baselines3 draws from it
     try:
         with seeded(seed, CPU):
             yield
     finally:
-        np.random.set_state(before)  # noqa: NPY002
+        np.random.set_state(before)  # noqa: NPY002 - Stable-Baselines3 draws from it
 
 
 class PracticeGround(VecEnv):

@@ -124,7 +124,7 @@ class CircleEnv(TaskEnv[CircleState]):
     ([-1.0, 1.0], True)
     """
 
-    metadata = {**TaskEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012
+    metadata = {**TaskEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, *, num_steps: int = LONGEST, render_mode: str | None = None) -> None:
         super().__init__(Circle(num_steps), render_mode)
@@ -137,7 +137,7 @@ class CircleVectorEnv(TaskVectorEnv[CircleState]):
     (1000, 2)
     """
 
-    metadata = {**TaskVectorEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012
+    metadata = {**TaskVectorEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self, num_envs: int = 1, *, num_steps: int = LONGEST, render_mode: str | None = None

@@ -38,8 +38,8 @@ def picture(draw: Draw) -> Frame:
     figure = Figure(figsize=_SIZE, dpi=_DOTS_PER_INCH)
     canvas = FigureCanvasAgg(figure)
     draw(_whole(figure))
-    canvas.draw()  # type: ignore[no-untyped-call]
-    pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
+    canvas.draw()  # type: ignore[no-untyped-call]  # of Matplotlib
+    pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # of Matplotlib
     return np.array(pixels, dtype=np.uint8)[..., :3]
 
 

@@ -133,7 +133,7 @@ class NavigationEnv(TaskEnv[NavigationState]):
     [1.0, 0.0]
     """
 
-    metadata = {**TaskEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012
+    metadata = {**TaskEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, *, goals: Goals = any_goal, render_mode: str | None = None) -> None:
         super().__init__(Navigation(goals), render_mode)
@@ -148,7 +148,7 @@ class NavigationVectorEnv(TaskVectorEnv[NavigationState]):
     (1000,)
     """
 
-    metadata = {**TaskVectorEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012
+    metadata = {**TaskVectorEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, num_envs: int = 1, *, goals: Goals = any_goal, render_mode: str | None = None) -> None:
         super().__init__(Navigation(goals), num_envs, render_mode)

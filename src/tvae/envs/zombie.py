@@ -94,7 +94,7 @@ class ZombieAttackEnv(TaskEnv[ZombieState]):
     (False, False, 1, 0)
     """
 
-    metadata = {**TaskEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012
+    metadata = {**TaskEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class ZombieAttackVectorEnv(TaskVectorEnv[ZombieState]):
     ((1000, 4), True)
     """
 
-    metadata = {**TaskVectorEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012
+    metadata = {**TaskVectorEnv.metadata, "signal_names": _SIGNAL_NAMES}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
