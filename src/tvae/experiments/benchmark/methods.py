@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
@@ -26,6 +26,7 @@ from tvae.errors import TvaeError
 from tvae.experiments.benchmark.ours import Ours
 from tvae.experiments.benchmark.people import People
 from tvae.experiments.benchmark.tasks import TASKS
+from tvae.experiments.tasks import OVERCOOKED_CONFIG, PUSHT_CONFIG
 
 
 class Need(Enum):
@@ -51,16 +52,46 @@ class Entry:
     tasks: tuple[str, ...] = tuple(TASKS)
 
 
+_AS_OURS: Mapping[str, Mapping[str, int]] = {
+    "pusht": {
+        "hidden_features": PUSHT_CONFIG.model.hidden_features,
+        "num_components": PUSHT_CONFIG.model.action_components,
+    },
+    "overcooked": {"hidden_features": OVERCOOKED_CONFIG.model.hidden_features},
+}
+"""With real people ours is wider than elsewhere; there the others are at least as wide."""
+
+
 def _always(method: Method) -> Maker:
     return lambda task, cells: method
+
+
+def _sized(method: Method) -> Maker:
+    """As it is, but with real people at least as wide as ours, and with as many laws for an action.
+
+    >>> [_sized(CloningLSTM())(task, Path()).hidden_features for task in ("zombie", "pusht")]
+    [64, 128]
+    """
+
+    def make(task: str, cells: Path) -> Method:
+        data: Any = method
+        ours = _AS_OURS.get(task, {})
+        larger = {
+            field.name: max(getattr(data, field.name), ours[field.name]) for field in fields(data) if field.name in ours
+        }
+        found: Method = replace(data, **larger)
+        return found
+
+    return make
 
 
 Coded: TypeAlias = IndexedCloning | LabelledCloning | DAgger | StateTrajectoryVAE | SelfConsistentTrajectories
 
 
 def _coded(method: Coded) -> Maker:
-    """As it is, but with one law for an action on circles: within a style there is one way to walk there."""
-    return lambda task, cells: replace(method, num_components=1) if task == "circle" else method
+    """With one law for an action on circles: within a style there is one way to walk there."""
+    circles, sized = _always(replace(method, num_components=1)), _sized(method)
+    return lambda task, cells: (circles if task == "circle" else sized)(task, cells)
 
 
 def from_extra(module: str, name: str, extra: str, **hyperparameters: Any) -> Maker:
@@ -100,12 +131,12 @@ METHODS: Mapping[str, Entry] = {
     "people": Entry("The people themselves", lambda task, cells: People(task), tasks=("pusht", "overcooked")),
     "walk": Entry("Straight walk", _always(Walking()), tasks=("zombie",)),
     "walk_attacking": Entry("Straight walk, attacks in range", _always(WalkingAttacking()), tasks=("zombie",)),
-    "cloning_mlp": Entry("Behavioural cloning, MLP", _always(CloningMLP())),
-    "cloning_lstm": Entry("Behavioural cloning, LSTM", _always(CloningLSTM())),
-    "act": Entry("Action chunks, VAE (ACT-like)", _always(ActionChunks())),
-    "flow": Entry("Action chunks, flow matching", _always(FlowMatching())),
-    "bet": Entry("Behavior Transformer", _always(BehaviorTransformer())),
-    "from_observation": Entry("Cloning from observation", _always(CloningFromObservation()), (Need.ENVIRONMENT,)),
+    "cloning_mlp": Entry("Behavioural cloning, MLP", _sized(CloningMLP())),
+    "cloning_lstm": Entry("Behavioural cloning, LSTM", _sized(CloningLSTM())),
+    "act": Entry("Action chunks, VAE (ACT-like)", _sized(ActionChunks())),
+    "flow": Entry("Action chunks, flow matching", _sized(FlowMatching())),
+    "bet": Entry("Behavior Transformer", _sized(BehaviorTransformer())),
+    "from_observation": Entry("Cloning from observation", _sized(CloningFromObservation()), (Need.ENVIRONMENT,)),
     "apprenticeship": Entry(
         "Apprenticeship learning",
         from_extra("tvae.baselines.apprenticeship", "ApprenticeshipLearning", "imitation"),
