@@ -409,6 +409,7 @@ def test_an_environment_that_does_not_fit_is_refused_in_words(
         (["--policy.num-steps", "-1"], "policy.num_steps must be at least 0, got -1"),
         (["--policy.learning-rate", "-1"], "policy.learning_rate must be above 0, got -1.0"),
         (["--segment", "0"], "segments need at least 1 step, got 0"),
+        (["--seed", "4294967296"], "Must be < 4294967296"),
     ],
 )
 def test_a_training_that_cannot_be_leaves_an_older_run_alone(
