@@ -15,8 +15,9 @@ out beside it:
   bound leaves the policy, with sampled actions (`bound`); after 2,000 steps of the policy alone (`alone`); then with
   the temperature 0.7 (`cooler`), and `Restless` too (`restless`), which also plays games of 1,200 steps (`whole`), as
   long as people's, given as in 400 steps. The policy's nets are twice as wide here as in `tvae demo overcooked`;
-- what people of these styles do in 400 steps: of their whole games (`whole`), and of their first 400 (`beginning`). A
-  game begins with empty pots, so that the first soup takes its time: bots' games compare with people's first 400.
+- what people of these styles do in 400 steps: of their whole games (`whole`), and of their first 400 (`beginning`); and
+  how many of their segments do what the style is called. A game begins with empty pots, so that the first soup takes
+  its time: bots' games compare with people's first 400.
 
 Each part is a file under OUT/parts, beside the models of the bots, and skipped when it is there. Of a fold it holds
 what the encoder says of each segment, so that styles and probe are made again each time, without training.
@@ -205,7 +206,7 @@ def bots(home: Path, *, seed: int, device: str) -> dict[str, Any]:
             "restless": restless,
         }
         found[NAMES[name]] = {
-            "people": of_people(people.select(np.flatnonzero(names[playstyles.assignment] == name))),
+            "people": of_people(people.select(np.flatnonzero(names[playstyles.assignment] == name)), name),
             **{way: games(policy, name, STEPS, seed) for way, policy in policies.items()},
             "whole": games(restless, name, WHOLE, seed),
         }
@@ -217,13 +218,17 @@ def in_a_game(values: FloatArray, lengths: IntArray) -> float:
     return float(values.sum() * STEPS / lengths.sum())
 
 
-def of_people(theirs: Demonstrations) -> dict[str, Any]:
-    """Net laps and soups of people of a style in 400 steps, of their whole games and of the first 400 of them."""
+def of_people(theirs: Demonstrations, name: int) -> dict[str, Any]:
+    """What people of these styles do: how many of their segments what the styles are called, net laps and soups.
+
+    The last two in 400 steps, of their whole games and of the first 400 of them.
+    """
     first = theirs.attributes["segment"] * STRIDE <= STEPS - SEGMENT
     parts = {"whole": theirs, "beginning": theirs.select(np.flatnonzero(first))}
     return {
         part: {
             "segments": len(some),
+            "as_asked": float((does(net_laps(some)) == name).mean()),
             "laps": in_a_game(net_laps(some), some.lengths),
             "soups": in_a_game(soups(some), some.lengths),
         }
@@ -249,9 +254,7 @@ def games(policy: Policy, name: int, steps: int, seed: int) -> dict[str, float]:
 
 
 def make_fold(path: Path, pairs: list[str], seed: int, device: str) -> None:
-    """One fold, into a file; nothing where it is there."""
-    if path.exists():
-        return
+    """One fold, into a file."""
     torch.set_num_threads(1)
     found = fold(pairs, seed=seed, device=device)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -261,9 +264,7 @@ def make_fold(path: Path, pairs: list[str], seed: int, device: str) -> None:
 
 
 def make_bots(path: Path, seed: int, device: str) -> None:
-    """The games of the bots of a seed, into a file; nothing where it is there."""
-    if path.exists():
-        return
+    """The games of the bots of a seed, into a file."""
     torch.set_num_threads(1)
     path.parent.mkdir(parents=True, exist_ok=True)
     found = bots(path.parent, seed=seed, device=device)
@@ -324,9 +325,11 @@ def main() -> None:
     with ProcessPoolExecutor(asked.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as workers:
         waiting = []
         for seed, home in enumerate(homes):
-            waiting.append(workers.submit(make_bots, home / "bots.json", seed, asked.device))
+            if not (path := home / "bots.json").exists():
+                waiting.append(workers.submit(make_bots, path, seed, asked.device))
             for name, some in folds.items():
-                waiting.append(workers.submit(make_fold, home / f"{name}.npz", some, seed, asked.device))
+                if not (path := home / f"{name}.npz").exists():
+                    waiting.append(workers.submit(make_fold, path, some, seed, asked.device))
         for done in waiting:
             done.result()
     found = over_seeds([of_seed(home, seed) for seed, home in enumerate(homes)])

@@ -409,6 +409,7 @@ def test_an_environment_that_does_not_fit_is_refused_in_words(
         (["--policy.num-steps", "-1"], "policy.num_steps must be at least 0, got -1"),
         (["--policy.learning-rate", "-1"], "policy.learning_rate must be above 0, got -1.0"),
         (["--segment", "0"], "segments need at least 1 step, got 0"),
+        (["--seed", "4294967296"], "Must be < 4294967296"),
     ],
 )
 def test_a_training_that_cannot_be_leaves_an_older_run_alone(
@@ -459,12 +460,18 @@ def test_a_run_whose_data_changed_says_so(table: Path, tmp_path: Path, capsys: p
         ["evaluate", run],
         ["fit", "--resume", "--out", run],
         ["styles", run, "--join", "0", "0"],
+        ["embed", run, "--out", tmp_path / "after.parquet"],
+        ["score", run, "--out", tmp_path / "after.parquet"],
+        ["similar", run, "0"],
     ):
         said = refused(capsys, *command)
         assert "has changed since" in said or "--join needs two styles" in said
     assert not (tmp_path / "after.parquet").exists()
+    call("score", run, data, "--out", tmp_path / "theirs.parquet")  # sessions that are named may be any
     tvae.save_demonstrations(walks, data, overwrite=True)
     call("report", run)
+    said = refused(capsys, "evaluate", run, "--episodes", "5")
+    assert "name it with --env" in said
 
 
 def test_an_environment_of_ones_own_is_imported_only_when_named(
@@ -662,7 +669,10 @@ def test_a_run_goes_on_as_it_was_configured(
         said = refused(capsys, *resumed, *options)
         assert words in said
         assert "another --out" in said
-    assert "--seed 4 (there: 3)" in refused(capsys, "demo", "--resume", "--out", run, "--seed", "4")
+    demo = ["demo", "--resume", "--out", str(run)]
+    assert "--seed 4 (there: 3)" in refused(capsys, *demo, "--seed", "4")
+    assert f"the task Circle (there: {run.name})" in refused(capsys, "demo", "circle", *demo[1:])
+    assert f"the data set {tmp_path} (there: {table})" in refused(capsys, *demo, "--data", tmp_path)
     for verb in (resumed, ["demo", "--resume", "--out", str(run)]):
         assert "give one of them, not both" in refused(capsys, *verb, "--force")
     said = refused(capsys, "fit", table, "--out", tmp_path / "new", "--episodes", "5")
@@ -700,4 +710,7 @@ def test_a_damaged_run_is_refused_in_words(run: Path, tmp_path: Path, capsys: py
     for content in (b"{}", b"[]"):
         for said in damaged("metrics.json", content, "report"):
             assert "metrics.json is not whole: it has no playstyles" in said
+    for content in (b"{", b'{"step": 0}', b"[{}]", b'[{"step": 0, "beta": 1, "training": {}, "held_out": {}}]'):
+        for said in damaged("history.json", content, "report"):
+            assert "history.json is not whole" in said
     call("report", mine)

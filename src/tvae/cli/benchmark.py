@@ -27,7 +27,7 @@ def benchmark(
     *,
     out: Path,
     seeds: Count = 5,
-    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lt=2**32))] = 0,
     tasks: Names = PAPER,
     methods: Names = tuple(METHODS),
     quick: Flag = False,

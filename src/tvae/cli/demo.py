@@ -13,9 +13,11 @@ from tvae.experiments.resuming import check_resumed
 from tvae.experiments.run import complete, new_recipe_run, resumed_run
 from tvae.experiments.tasks import TASKS
 
+_TASK = "zombie"
+
 
 def demo(
-    task: Literal["zombie", "navigation", "circle", "pusht", "overcooked"] = "zombie",
+    task: Literal["zombie", "navigation", "circle", "pusht", "overcooked"] | None = None,
     *,
     out: Path | None = None,
     data: Path | None = None,
@@ -32,7 +34,7 @@ def demo(
     task
         zombie: scripted demonstrators, attack or avoid. navigation: walks to three hidden goals. circle: walks
         around three hidden circles. pusht: 206 human demonstrations of pushing a block. overcooked: human pairs
-        cooking together.
+        cooking together. If not given, zombie.
     out
         The run directory to make; runs/TASK if not given.
     data
@@ -40,12 +42,14 @@ def demo(
     resume
         Go on with the run in --out where it was killed.
     """
-    directory = out or Path("runs") / task
+    directory = out or Path("runs") / (task or _TASK)
     trackers = tracking.trackers()
     if resume:
-        check_resumed(directory, RunConfig(seed=seed), force=force)
+        title = None if task is None else TASKS[task](data, seed).title
+        asked = None if data is None else str(data)
+        check_resumed(directory, RunConfig(seed=seed), force=force, title=title, data=asked)
         begun = resumed_run(directory)
     else:
-        recipe = TASKS[task](data, seed)
+        recipe = TASKS[task or _TASK](data, seed)
         begun = new_recipe_run(directory, recipe, command=sys.argv, device=device, force=force)
     complete(begun, device=device, console=CONSOLE, trackers=trackers)

@@ -44,7 +44,7 @@ Styles = Annotated[
     ),
 ]
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
-Seed = Annotated[int, Parameter(help="Everything random depends on it.", validator=Number(gte=0))]
+Seed = Annotated[int, Parameter(help="Everything random depends on it.", validator=Number(gte=0, lt=2**32))]
 Device = Annotated[str, Parameter(help="auto, cpu, cuda, cuda:N or mps.")]
 Force = Annotated[bool, Parameter(help="Replace what is there already.", negative="")]
 Flag = Annotated[bool, Parameter(negative="")]

@@ -223,10 +223,13 @@ def penalties_of(settings: TrainingConfig) -> tuple[Penalty, ...]:
 
 
 def history(run: RunDirectory) -> tuple[Record, ...]:
-    """The evaluations during a run's training."""
-    return tuple(
-        Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in read_json(run.history)
-    )
+    """The evaluations during a run's training; `RunDirectoryError` where they are missing or damaged."""
+    try:
+        return tuple(
+            Record(r["step"], r["beta"], Terms(**r["training"]), Terms(**r["held_out"])) for r in read_json(run.history)
+        )
+    except (KeyError, TypeError) as error:
+        raise RunDirectoryError(f"{run.history} is not whole: {error!r}") from error
 
 
 def update_metrics(run: RunDirectory, new: Mapping[str, Any], *, dropping: Collection[str] = ()) -> dict[str, Any]:

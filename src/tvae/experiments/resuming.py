@@ -19,6 +19,7 @@ def check_resumed(
     config: RunConfig,
     *,
     force: bool,
+    title: str | None = None,
     data: str | None = None,
     reading: Reading = AS_IT_IS,
     env: str | None = None,
@@ -33,6 +34,7 @@ def check_resumed(
     about = about_run(RunDirectory.existing(out))
     kept_env, kept_episodes = (None, None) if about.arena is None else (about.arena.env, about.arena.episodes)
     told = {
+        "the task": (title, about.title),
         "the data set": (None if data is None else Source(data).absolute().path, about.source.path),
         "--env": (env, kept_env),
         "--episodes": (episodes, kept_episodes),

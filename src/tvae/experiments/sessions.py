@@ -20,7 +20,7 @@ from tvae.evaluate.scores import Scores, score
 from tvae.evaluate.similarity import nearest, overlap
 from tvae.evaluate.styles import Playstyles
 from tvae.experiments.analysis import episode_names
-from tvae.experiments.fitting import About, about_run, split
+from tvae.experiments.fitting import About, about_run, demonstrations_of, split
 from tvae.experiments.progress import counting
 from tvae.experiments.run_directory import RunDirectory, read_json
 from tvae.experiments.source import Source
@@ -43,15 +43,16 @@ class Trained:
     def sessions(self, data: str | None) -> Demonstrations:
         """Sessions at `data`, read as the run's own were, or without it the run's own.
 
-        Raises `DataError` for other signals than the model's, `TvaeError` where there is no run to know its own.
+        Raises `DataError` for other signals than the model's, `TvaeError` where there is no run to know its own, and as
+        `demonstrations_of` does where its own are no longer the same.
         """
-        spaces = (self.model.observation_space, self.model.action_space)
-        if self.about is not None:
-            source = self.about.source
-            return source.load(*spaces) if data is None else source.load_others(data, *spaces)
-        if data is None:
+        if data is not None:
+            source = Source(data) if self.about is None else self.about.source
+            spaces = (self.model.observation_space, self.model.action_space)
+            return source.load(*spaces) if self.about is None else source.load_others(data, *spaces)
+        if self.about is None:
             raise TvaeError(f"{self.directory} holds a model without a run, which knows no sessions: name a data set")
-        return Source(data).load(*spaces)
+        return demonstrations_of(RunDirectory(self.directory))
 
 
 def open_trained(name: str, device: str) -> Trained:
