@@ -508,6 +508,9 @@ def test_what_is_asked_of_a_run_must_be_there(
     assert "reads no file" in refused(capsys, "demo", "--data", table, "--out", tmp_path / "new")
     assert "is not there" in refused(capsys, "demo", "pusht", "--data", tmp_path / "no.npz", "--out", tmp_path / "p")
     assert "--config needs" in refused(capsys, "--config", tmp_path / "run.ini", "styles", run)
+    for text, said in (("training: [1, 2]", "got [1, 2]"), ("model: 8", "model needs options below it")):
+        (tmp_path / "run.yaml").write_text(text)
+        assert said in refused(capsys, "--config", tmp_path / "run.yaml", "fit", "x.csv", "--out", tmp_path / "new")
 
 
 def test_a_truncated_model_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -710,6 +713,8 @@ def test_a_damaged_run_is_refused_in_words(run: Path, tmp_path: Path, capsys: py
     for content in (b"{}", b"[]"):
         for said in damaged("metrics.json", content, "report"):
             assert "metrics.json is not whole: it has no playstyles" in said
+    for said in damaged("metrics.json", b"[]", "evaluate"):
+        assert "metrics.json is not whole: it needs names with numbers, got list" in said
     for content in (b"{", b'{"step": 0}', b"[{}]", b'[{"step": 0, "beta": 1, "training": {}, "held_out": {}}]'):
         for said in damaged("history.json", content, "report"):
             assert "history.json is not whole" in said

@@ -1,5 +1,7 @@
 """Recordings as they come: missing values, uneven steps, several players."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from data_strategies import quick
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.estimates import drop_episode, hold_last, interpolate
 from tvae.data.preparation import Clock, Preparation
-from tvae.data.sources import load_demonstrations
+from tvae.data.sources import load_demonstrations, save_demonstrations
 from tvae.data.trajectory import DataError
 from tvae.data.validation import validate
 
@@ -260,6 +262,25 @@ def test_players_that_are_refused() -> None:
     assert issues(alike, player="player") == ["column player: and the episode look alike when joined by /"]
     with pytest.raises(DataError, match="needs a column 'hero'; the columns are episode, step, player"):
         load(PLAYED, player="hero")
+
+
+@pytest.mark.parametrize("name", ["walks.parquet", "walks.csv"])
+def test_what_we_wrote_is_not_told_apart_or_timed_again_for_a_model(tmp_path: Path, name: str) -> None:
+    """Sessions of a model are read as its own were, also those that are converted already or that it imagined."""
+    timed = {**PLAYED, "seconds": [0.0, 0.0, 0.5, 0.5, 0.0]}
+    preparation = Preparation(player="player", clock=Clock("seconds", every=0.5))
+    walks = load_demonstrations(pa.table(timed), preparation=preparation)
+    spaces = {"observation_space": walks.observation_space, "action_space": walks.action_space}
+    for known in (walks.attributes, {"episode": walks.attributes["episode"]}):
+        converted = replace(walks, attributes=known, steps=walks.steps if "player" in known else {})
+        save_demonstrations(converted, tmp_path / name, overwrite=True)
+        again = load_demonstrations(tmp_path / name, preparation=preparation, **spaces)
+        assert again.attributes["episode"].tolist() == ["0/anna", "0/bert", "1/anna"]
+        assert again.observations.tolist() == walks.observations.tolist()
+        with pytest.raises(DataError, match=r"session: is there already|needs a column 'player'"):
+            load_demonstrations(tmp_path / name, preparation=preparation)
+    others = load_demonstrations(pa.table(timed), preparation=preparation, **spaces)  # what others wrote is prepared
+    assert others.attributes["episode"].tolist() == ["0/anna", "0/bert", "1/anna"]
 
 
 def test_all_at_once() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import gymnasium
-from cyclopts import App, Parameter
+from cyclopts import App, CycloptsError, Parameter
 from cyclopts.config import Json, Toml, Yaml
 
 from tvae import __version__
@@ -113,6 +113,8 @@ for _group, _verb, _help, _example in _VERBS:
     _module = "data" if _group is data else _verb
     _group.command(f"tvae.cli.{_module}:{_verb}", name=_verb, help=_help, help_epilogue=f"Example: {_example}")
 
+_GROUPS = ("model", "training", "policy")
+"""Options that have others below them."""
 _FORMATS: dict[str, type[Yaml | Json | Toml]] = {".yaml": Yaml, ".yml": Yaml, ".json": Json, ".toml": Toml}
 
 
@@ -128,7 +130,16 @@ def _with_config(
 
 
 def _read(config: Path) -> Yaml | Json | Toml:
-    return _FORMATS[config.suffix](config, must_exist=True, use_commands_as_keys=False)
+    found = _FORMATS[config.suffix](config, must_exist=True, use_commands_as_keys=False)
+    try:
+        whole = found.config
+    except CycloptsError as error:
+        raise TvaeError(f"{config}: {error}") from error
+    options = whole if isinstance(whole, dict) else {}  # what is none, cyclopts refuses
+    for group in _GROUPS:
+        if not isinstance(options.get(group, {}), dict):
+            raise TvaeError(f"{config}: {group} needs options below it, by their names, got {options[group]}")
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 from tvae.data.csv_files import AS_WRITTEN, CsvFormat
 from tvae.data.estimates import Estimate, MissingRule
@@ -67,6 +68,19 @@ class Preparation:
         episode = self.roles.episode or "episode"
         step = self.roles.step or "step" if self.clock is None else self.clock.column
         return (episode, step) if self.player is None else (episode, self.player, step)
+
+    def left_for(self, columns: Collection[str]) -> Preparation:
+        """What is left to be done to a table that we wrote, of these columns.
+
+        Its rows are steps in their order already. So a clock that is not there counts for nothing, and so do players
+        that are not there, or that are told apart already, as `session` says.
+
+        >>> Preparation(player="player", clock=Clock("seconds")).left_for(["episode", "step", "seconds"]).needed
+        ('episode', 'seconds')
+        """
+        apart = self.player is not None and (self.player not in columns or "session" in columns)
+        timed = self.clock is not None and self.clock.column not in columns
+        return replace(self, player=None if apart else self.player, clock=None if timed else self.clock)
 
 
 AS_RECORDED = Preparation()

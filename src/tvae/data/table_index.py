@@ -117,7 +117,8 @@ def _by_player(table: pa.Table, player: str) -> tuple[pa.Table, list[Issue]]:
     sessions, players = _identities(table, "episode"), _identities(table, player)
     issues = []
     if "session" in table.column_names:
-        issues.append(Issue("is there already, but names the episode that players share", column="session"))
+        message = "is there already, but names the episode that players share"
+        issues.append(Issue(message, column="session", remedy=Remedy.IGNORE))
     if issues or isinstance(sessions, Issue) or isinstance(players, Issue):
         return table, [*issues, *(found for found in (sessions, players) if isinstance(found, Issue))]
     pair = [column.cast(pa.string()) for column in (sessions, players)]

@@ -68,7 +68,8 @@ def examine(
 ) -> Examined:
     """Read a table. Given spaces override the schema's, and `kinds` override both.
 
-    Issues name columns as the table does.
+    With given spaces, such as a model's, what the preparation says of players and times has been done already to a
+    table that we wrote (`Preparation.left_for`). Issues name columns as the table does.
 
     >>> rows = {"episode": [7, 7], "step": [0, 1], "observation.x": [0.0, 1.0], "action.dx": [1.0, None]}
     >>> table = pa.table(rows)
@@ -77,6 +78,8 @@ def examine(
     >>> [str(issue) for issue in examine(RawTable(table.drop_columns("action.dx")), kinds={}).issues]
     ['needs at least one column action.*; the columns are episode, step, observation.x']
     """
+    if raw.schema is not None and observation_space is not None:
+        preparation = preparation.left_for(raw.table.column_names)
     own = arranged(raw.table, raw.schema, preparation, observation_space)
     kinds, issues = named_kinds(kinds, own.table.column_names, own.recorded)
     kinds, degrees, found_issues = with_degrees(kinds, preparation.degrees, own.table.column_names, own.recorded)

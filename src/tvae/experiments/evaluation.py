@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from tvae.evaluate.likelihood import importance_weighted_bound, paired_difference
-from tvae.experiments.fitting import demonstrations_of, split, trained, update_metrics
+from tvae.experiments.fitting import demonstrations_of, known_metrics, split, trained, update_metrics
 from tvae.experiments.progress import watching
 from tvae.experiments.using import FinishedRun
 
@@ -22,6 +22,7 @@ def compare_without_latent(
     difference with its 95 % interval, over groups where the run holds groups out, else over episodes. The bound
     counts the divergence from the prior, so that z must pay for what it tells.
     """
+    known_metrics(run.directory)  # what is damaged is refused before the training, not after it
     about = run.about
     demonstrations = demonstrations_of(run.directory)
     _, held_out = split(demonstrations, about.config)

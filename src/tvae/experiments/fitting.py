@@ -232,9 +232,17 @@ def history(run: RunDirectory) -> tuple[Record, ...]:
         raise RunDirectoryError(f"{run.history} is not whole: {error!r}") from error
 
 
+def known_metrics(run: RunDirectory) -> dict[str, Any]:
+    """What `metrics.json` holds so far; `RunDirectoryError` where it is damaged."""
+    found = read_json(run.metrics) if run.metrics.exists() else {}
+    if not isinstance(found, dict):
+        raise RunDirectoryError(f"{run.metrics} is not whole: it needs names with numbers, got {type(found).__name__}")
+    return found
+
+
 def update_metrics(run: RunDirectory, new: Mapping[str, Any], *, dropping: Collection[str] = ()) -> dict[str, Any]:
     """Add to `metrics.json`, replacing what has the same name, without what is dropped; returns all of it."""
-    before: dict[str, Any] = read_json(run.metrics) if run.metrics.exists() else {}
+    before = known_metrics(run)
     metrics = {**{name: value for name, value in before.items() if name not in dropping}, **new}
     write_json(run.metrics, metrics)
     return metrics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from shlex import quote
 
 from tvae.data.issues import Issue, Remedy
 from tvae.data.validation import Summary, suspicions
@@ -48,5 +49,8 @@ def options_for(issue: Issue) -> str | None:
 
     >>> options_for(Issue("holds 99 different integers", column="hp", remedy=Remedy.SAY_KIND))
     '--continuous hp, --angular hp (in radians), --degrees hp or --categorical hp; or --ignore hp'
+    >>> options_for(Issue("is there already", column="my column", remedy=Remedy.IGNORE))
+    "--ignore 'my column'"
     """
-    return None if issue.remedy is None else _OPTIONS[issue.remedy].replace("{column}", issue.column or "COLUMN")
+    column = "COLUMN" if issue.column is None else quote(issue.column)
+    return None if issue.remedy is None else _OPTIONS[issue.remedy].replace("{column}", column)
