@@ -46,13 +46,13 @@ class Trained:
         Raises `DataError` for other signals than the model's, `TvaeError` where there is no run to know its own, and as
         `demonstrations_of` does where its own are no longer the same.
         """
-        if data is not None:
-            source = Source(data) if self.about is None else self.about.source
-            spaces = (self.model.observation_space, self.model.action_space)
-            return source.load(*spaces) if self.about is None else source.load_others(data, *spaces)
-        if self.about is None:
+        spaces = (self.model.observation_space, self.model.action_space)
+        if self.about is not None:
+            own = RunDirectory(self.directory)
+            return demonstrations_of(own) if data is None else self.about.source.load_others(data, *spaces)
+        if data is None:
             raise TvaeError(f"{self.directory} holds a model without a run, which knows no sessions: name a data set")
-        return demonstrations_of(RunDirectory(self.directory))
+        return Source(data).load(*spaces)
 
 
 def open_trained(name: str, device: str) -> Trained:
