@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from tvae.baselines.cloning import CloningMLP
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.scripted import Demonstrators
 from tvae.data.demonstrations import Demonstrations
@@ -24,6 +25,8 @@ from tvae.experiments.benchmark import benchmark as module
 from tvae.experiments.benchmark.benchmark import Plan, benchmark, write
 from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
 from tvae.experiments.benchmark.measures import MEASURES, entropy, measure, play, trajectory_fit
+from tvae.experiments.benchmark.ours import Ours
+from tvae.experiments.benchmark.sooner import PARTS, sooner
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError
 from tvae.experiments.reproduction.studies import STUDIES
@@ -143,6 +146,7 @@ def test_a_cell_is_made_once_and_keeps_its_budget(plan: Plan, monkeypatch: pytes
         "task": "zombie",
         "seed": 100,
         "most_steps": 2,
+        "one_in": 1,
         "episodes": 20,
         "config": {},
         "measures": MEASURES,
@@ -194,6 +198,62 @@ def test_cells_of_one_table_are_made_alike(plan: Plan, monkeypatch: pytest.Monke
     assert not longer.cells("zombie", "walk")[0].numbers.exists()
     benchmark(replace(longer, seeds=(100,)), jobs=1, force=True, console=QUIET)
     assert "30 fresh episodes" in (plan.out / "README.md").read_text()
+
+
+def test_shorter_trainings_have_cells_of_their_own(plan: Plan, monkeypatch: pytest.MonkeyPatch):
+    shorter = replace(plan, seeds=(100,), methods=("walk", "cloning_mlp"), budget=Budget(16, 20), parts=(1, *PARTS))
+    walk, *cloned = shorter.all_cells()
+    assert (walk.method, walk.one_in) == ("walk", 1)
+    homes = ["seed-100", *(f"one-in-{part}" for part in PARTS)]
+    assert [cell.directory.name for cell in cloned] == homes
+    monkeypatch.setattr(module, "make", in_this_process)
+    benchmark(shorter, jobs=1, force=False, console=QUIET)
+    assert cloned[-1].read()["gradient_steps"] == 16  # of 2,000 an eighth is more than allowed
+    page = (plan.out / "README.md").read_text()
+    (row,) = [line for line in page.split("Zombie, how soon")[1].splitlines() if "| 100 |" in line]
+    assert row.startswith("| Behavioural cloning, MLP † | 100 | ")
+    with (plan.out / "benchmark.csv").open() as file:
+        measures = {row["measure"] for row in csv.DictReader(file) if row["method"] == "cloning_mlp"}
+    assert {"sooner.quality.1/8", "sooner.quality.1", "sooner.train_seconds.1/2"} <= measures
+    assert not any(name.startswith("shorter") for name in measures)
+    benchmark(replace(shorter, parts=(1,)), jobs=1, force=False, console=QUIET)
+    assert "how soon" in (plan.out / "README.md").read_text()
+
+
+def test_a_shorter_training_takes_a_part_of_the_steps(plan: Plan):
+    task, demonstrations = TASKS["zombie"], zombie_demonstrations(20)
+    short = replace(CloningMLP(), num_steps=16)
+    lessons = {part: Lesson(demonstrations, task.world, one_in=part) for part in (1, 2, 8)}
+    taken = {part: short.learn(lesson).facts["gradient_steps"] for part, lesson in lessons.items()}
+    assert taken == {1: 16, 2: 8, 8: 2}
+    config = replace(task.config, training=replace(task.config.training, num_steps=20))
+    ours = Ours("zombie", config, plan.finished)
+    assert ours.learn(lessons[2]).facts["gradient_steps"] == 20
+
+
+def test_shorter_trainings_of_another_method_are_no_part_of_a_table(plan: Plan, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "make", in_this_process)
+    one = replace(plan, seeds=(100,), methods=("cloning_mlp",), parts=(1, 2))
+    benchmark(one, jobs=1, force=False, console=QUIET)
+    path = one.cells("zombie", "cloning_mlp")[1].numbers
+    path.write_text(path.read_text().replace('"num_components": 3', '"num_components": 1'))
+    with pytest.raises(CellError, match=r"num_components is 3 in zombie, .*, but 1 in .*, seed 100, 1/2 of its steps"):
+        benchmark(replace(one, methods=("walk",), parts=(1,)), jobs=1, force=False, console=QUIET)
+
+
+def test_nearly_all_must_last():
+    def cell(one_in: int, success: float) -> dict[str, object]:
+        asked = {"task": "pusht", "one_in": one_in}
+        return {"cell": asked, "at_will": {"best_coverage": success}, "train_seconds": 8 / one_in}
+
+    def seconds(*success: float) -> object:
+        whole, *others = map(cell, (1, *PARTS), success)
+        return sooner({**whole, "shorter": others}).get("train_seconds_to_most")
+
+    assert seconds(0.6, 0.55, 0.54, 0.54) == 1
+    assert seconds(0.6, 0.55, 0.2, 0.6) == 4
+    assert seconds(0.6, 0.2, 0.6, 0.6) == 8
+    assert seconds(0.0, 0.0, 0.0, 0.0) is None
 
 
 def test_what_there_is_not_is_said(tmp_path: Path):

@@ -17,6 +17,7 @@ from tvae.experiments.benchmark.benchmark import Plan
 from tvae.experiments.benchmark.benchmark import benchmark as run
 from tvae.experiments.benchmark.cells import QUICK, Budget
 from tvae.experiments.benchmark.methods import METHODS
+from tvae.experiments.benchmark.sooner import PARTS
 from tvae.experiments.benchmark.tasks import PAPER
 
 CORES = os.cpu_count() or 1
@@ -30,6 +31,7 @@ def benchmark(
     seed: Annotated[int, Parameter(validator=Number(gte=0, lt=2**32))] = 0,
     tasks: Names = PAPER,
     methods: Names = tuple(METHODS),
+    shorter: Flag = False,
     quick: Flag = False,
     steps: Count | None = None,
     episodes: Count | None = None,
@@ -55,6 +57,8 @@ def benchmark(
         Which tasks: the paper's three by default; `pusht` and `overcooked` are the recordings of people.
     methods
         Which methods; one that cannot play a task is left out of it, and it is said why.
+    shorter
+        Also with an eighth, a quarter and half of each method's gradient steps: how soon is it nearly as good?
     quick
         One seed, 30 gradient steps, a twentieth of the episodes: to see that all of it works.
     steps
@@ -82,6 +86,7 @@ def benchmark(
         budget=budget,
         finished=cells,
         data=data,
+        parts=(1, *PARTS) if shorter else (1,),
         command=shlex.join(["tvae", *sys.argv[1:]]),
     )
     run(plan, jobs=jobs, force=force, console=CONSOLE)

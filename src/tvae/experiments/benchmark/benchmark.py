@@ -29,8 +29,9 @@ from tvae.files import appearing
 class Plan:
     """What to compare, where, and how thoroughly.
 
-    OUT/cells/TASK/METHOD/seed-K/metrics.json holds a cell, OUT/README.md, OUT/benchmark.csv and OUT/benchmark.png
-    (and .svg) what comes of all that are there, also those of earlier plans.
+    OUT/cells/TASK/METHOD/seed-K/metrics.json holds a cell, one-in-P/metrics.json beside it that of a shorter training;
+    OUT/README.md, OUT/benchmark.csv and OUT/benchmark.png (and .svg) what comes of all that are there, also those of
+    earlier plans.
 
     A method is left out of a task that it cannot play (`tvae.experiments.benchmark.playing`). Raises `TvaeError` for a
     task or a method that there is not, and where there is nothing to do; the message says which there are, or why.
@@ -43,6 +44,8 @@ class Plan:
     budget: Budget = field(default_factory=Budget)
     finished: Path = Path("results/cells")
     data: Path = Path("data")
+    parts: Sequence[int] = (1,)
+    """Of its own gradient steps a method takes one in so many, in a cell for each of these."""
     command: str = "tvae benchmark"
 
     def __post_init__(self) -> None:
@@ -61,11 +64,21 @@ class Plan:
         return [name for name in METHODS if name in self.methods and obstacle(name, task) is None]
 
     def cells(self, task: str, method: str) -> list[BenchmarkCell]:
-        """One for each seed."""
-        home = self.out / "cells" / task / method
+        """One for each seed and part; who learns nothing has no shorter training."""
+        home, parts = self.out / "cells" / task / method, self.parts if METHODS[method].learns else (1,)
         return [
-            BenchmarkCell(method, task, seed, home / f"seed-{seed}", self.budget, self.finished, self.data)
+            BenchmarkCell(
+                method,
+                task,
+                seed,
+                home / f"seed-{seed}" / ("" if one_in == 1 else f"one-in-{one_in}"),
+                self.budget,
+                self.finished,
+                self.data,
+                one_in,
+            )
             for seed in self.seeds
+            for one_in in parts
         ]
 
     def all_cells(self) -> list[BenchmarkCell]:

@@ -55,11 +55,13 @@ class BenchmarkCell:
     """Where finished cells of `tvae reproduce` lie."""
     data: Path = Path("data")
     """The folder of the recordings of people."""
+    one_in: int = 1
+    """Of its own gradient steps the method takes one in so many (`tvae.experiments.benchmark.sooner`)."""
 
     @property
     def name(self) -> str:
         """As progress shows it."""
-        return name_of({"task": self.task, "method": self.method, "seed": self.seed})
+        return name_of({"task": self.task, "method": self.method, "seed": self.seed, "one_in": self.one_in})
 
     @property
     def numbers(self) -> Path:
@@ -77,6 +79,7 @@ class BenchmarkCell:
             "task": self.task,
             "seed": self.seed,
             "most_steps": self.budget.most_steps,
+            "one_in": self.one_in,
             "episodes": self.budget.episodes_in(TASKS[self.task]),
             "config": hyperparameters(self._made()),
             "measures": MEASURES,
@@ -106,7 +109,8 @@ class BenchmarkCell:
         """Learn and measure; `CellError`, which names the cell, for whatever goes wrong."""
         try:
             task = TASKS[self.task]
-            lesson = Lesson(task.demonstrations(self.data, self.seed), task.world, self.seed, self.budget.most_steps)
+            demonstrations = task.demonstrations(self.data, self.seed)
+            lesson = Lesson(demonstrations, task.world, self.seed, self.budget.most_steps, self.one_in)
             code, began = commit(), time.process_time()
             with warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always", TrainingWarning)

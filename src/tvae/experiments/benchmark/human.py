@@ -135,6 +135,7 @@ PUSHT = Task(
         "best_coverage": float(_coverage(episodes, "best").mean()),
         "final_coverage": float(_coverage(episodes, "final").mean()),
     },
+    quality="at_will.best_coverage",
     as_demonstrated=_as_long_as_people,
 )
 
@@ -226,6 +227,7 @@ OVERCOOKED = Task(
     succeeded=lambda episodes: np.eye(len(_LABELS), dtype=np.bool_)[_goes(episodes)],
     numbers=lambda episodes, label: _cooked(episodes),
     overall=_cooked,
+    quality="at_will.soups",
     as_demonstrated=_in_segments,
     apart=lambda segments: segments.select(np.flatnonzero(segments.attribute("segment") % (_SEGMENT // _STRIDE) == 0)),
 )

@@ -50,6 +50,7 @@ class Entry:
     make: Maker
     needs: tuple[Need, ...] = ()
     tasks: tuple[str, ...] = tuple(TASKS)
+    learns: bool = True
 
 
 _AS_OURS: Mapping[str, Mapping[str, int]] = {
@@ -126,11 +127,15 @@ def _state_vae_gail(task: str, cells: Path) -> Method:
     return from_extra("tvae.baselines.state_vae_gail", "StateVAEWithGAIL", "imitation", first=first)(task, cells)
 
 
+_PEOPLE = ("pusht", "overcooked")
+
 METHODS: Mapping[str, Entry] = {
-    "demonstrators": Entry("Scripted demonstrators", _always(Demonstrators()), (Need.DEMONSTRATORS,)),
-    "people": Entry("The people themselves", lambda task, cells: People(task), tasks=("pusht", "overcooked")),
-    "walk": Entry("Straight walk", _always(Walking()), tasks=("zombie",)),
-    "walk_attacking": Entry("Straight walk, attacks in range", _always(WalkingAttacking()), tasks=("zombie",)),
+    "demonstrators": Entry("Scripted demonstrators", _always(Demonstrators()), (Need.DEMONSTRATORS,), learns=False),
+    "people": Entry("The people themselves", lambda task, cells: People(task), tasks=_PEOPLE, learns=False),
+    "walk": Entry("Straight walk", _always(Walking()), tasks=("zombie",), learns=False),
+    "walk_attacking": Entry(
+        "Straight walk, attacks in range", _always(WalkingAttacking()), tasks=("zombie",), learns=False
+    ),
     "cloning_mlp": Entry("Behavioural cloning, MLP", _sized(CloningMLP())),
     "cloning_lstm": Entry("Behavioural cloning, LSTM", _sized(CloningLSTM())),
     "act": Entry("Action chunks, VAE (ACT-like)", _sized(ActionChunks())),

@@ -41,7 +41,7 @@ class Ours:
 
     def learn(self, lesson: Lesson) -> Bots:
         """A bot of each label: of the found styles that bear it, or of any style where none was found for it."""
-        read = None if lesson.most_steps is not None else self._finished(lesson.seed)
+        read = self._finished(lesson.seed) if lesson.most_steps is None and lesson.one_in == 1 else None
         subject, steps = self._trained(lesson) if read is None else (read.subject(), _most_steps(self.config))
         bearing = styles_by_label(subject.playstyles, subject.demonstrations) if lesson.labels else {}
         facts: dict[str, Any] = {
@@ -73,10 +73,9 @@ class Ours:
 
     def _trained(self, lesson: Lesson) -> tuple[Subject, int]:
         """The model and its styles, and the gradient steps taken, of the bound and of the policy alone."""
-        config = self.config
+        config = replace(_shortened(self.config, lesson.one_in), seed=lesson.seed)
         if lesson.most_steps is not None:  # of which the policy alone takes as many as the bound
-            config = Effort(max(1, lesson.most_steps // 2)).config(config, 0)
-        config = replace(config, seed=lesson.seed)
+            config = Effort(max(1, lesson.most_steps // 2)).config(config, lesson.seed)
         with tempfile.TemporaryDirectory() as scratch:
             checkpoint = Path(scratch) / "checkpoint.safetensors"
             model, records = trained(
@@ -86,6 +85,15 @@ class Ours:
         findings = Findings(playstyles, names_of(playstyles, lesson.demonstrations), {})
         subject = Subject(model, lesson.demonstrations, findings, lesson.demonstrations, lesson.seed, episodes=1)
         return subject, records[-1].step + config.policy_steps
+
+
+def _shortened(config: RunConfig, one_in: int) -> RunConfig:
+    """With one in so many of its gradient steps, of the bound and of the policy alone."""
+    if one_in == 1:
+        return config
+    training = replace(config.training, num_steps=max(1, config.training.num_steps // one_in))
+    policy = replace(config.policy, num_steps=max(1, config.policy_steps // one_in))
+    return replace(config, training=training, policy=policy)
 
 
 def _most_steps(config: RunConfig) -> int:

@@ -21,15 +21,32 @@ def stored(out: Path) -> Runs:
     runs: dict[str, dict[str, list[dict[str, Any]]]] = {}
     for task in TASKS:
         for method in METHODS:
-            cells = [read_json(path) for path in (out / "cells" / task / method).glob("seed-*/metrics.json")]
+            cells = [_with_shorter(path) for path in (out / "cells" / task / method).glob("seed-*/metrics.json")]
             if cells:
                 runs.setdefault(task, {})[method] = sorted(cells, key=lambda numbers: int(numbers["cell"]["seed"]))
     return runs
 
 
+def _with_shorter(path: Path) -> dict[str, Any]:
+    """The numbers of a cell; `shorter` are those of its shorter trainings, if there are any."""
+    shorter = [read_json(part) for part in path.parent.glob("one-in-*/metrics.json")]
+    return {**read_json(path), **({"shorter": shorter} if shorter else {})}
+
+
+def every_cell(runs: Runs) -> list[Mapping[str, Any]]:
+    """The numbers of every cell, those of shorter trainings too."""
+    return [
+        cell
+        for methods in runs.values()
+        for seeds in methods.values()
+        for whole in seeds
+        for cell in (whole, *whole.get("shorter", ()))
+    ]
+
+
 def asked_of(runs: Runs) -> list[Mapping[str, Any]]:
     """What was asked of every cell (`BenchmarkCell.asked`)."""
-    return [cell["cell"] for methods in runs.values() for seeds in methods.values() for cell in seeds]
+    return [cell["cell"] for cell in every_cell(runs)]
 
 
 def as_now(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -40,7 +57,7 @@ def as_now(asked: Mapping[str, Any]) -> dict[str, Any]:
     >>> as_now(cell)["config"]["config"]["policy"]["num_steps"]
     0
     """
-    asked = {"measures": 1, **asked}
+    asked = {"measures": 1, "one_in": 1, **asked}
     ours = asked["config"].get("config")
     if ours is None:
         return dict(asked)
@@ -82,4 +99,5 @@ def require_one_table(cells: Iterable[Mapping[str, Any]]) -> None:
 
 def name_of(cell: Mapping[str, Any]) -> str:
     """As progress shows it."""
-    return f"{cell['task']}, {cell['method']}, seed {cell['seed']}"
+    part = cell.get("one_in", 1)
+    return f"{cell['task']}, {cell['method']}, seed {cell['seed']}{f', 1/{part} of its steps' if part > 1 else ''}"

@@ -11,7 +11,8 @@ from tvae.evaluate.over_seeds import over_seeds
 from tvae.experiments.benchmark.measures import flat
 from tvae.experiments.benchmark.methods import METHODS, Entry
 from tvae.experiments.benchmark.playing import obstacle
-from tvae.experiments.benchmark.stored import Runs
+from tvae.experiments.benchmark.sooner import PARTS, sooner
+from tvae.experiments.benchmark.stored import Runs, every_cell
 from tvae.figures.benchmark import Bar
 from tvae.files import appearing
 
@@ -27,6 +28,15 @@ NOTES = {
     "overcooked": " A game is 400 steps, and so are soups counted. The people: their recordings of 200 steps.",
 }
 """What a reader must know beside."""
+_WORST = "the worst success over styles; †: success at will"
+QUALITIES = {
+    "navigation": _WORST,
+    "circle": _WORST,
+    "zombie": _WORST,
+    "pusht": "how much of its goal the block covers at best",
+    "overcooked": "the worst success over styles; †: soups at will",
+}
+"""What the quality is that a method soon has or not (`tvae.experiments.benchmark.sooner`)."""
 _WITHOUT_STYLES = (
     ("fit", "trajectory_fit", 2),
     ("parameters", "num_parameters", 0),
@@ -82,7 +92,7 @@ _SHOWN = ("worst_success", "coverage", "at_will.best_coverage")
 """The numbers that the figure shows, as far as a task's table has them."""
 _COSTS = {"num_parameters", "env_steps", "train_seconds", "ms_per_action"}
 """Told by their means alone."""
-_HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit"}
+_HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit", "shorter"}
 
 
 def write_csv(runs: Runs, path: Path) -> None:
@@ -94,7 +104,7 @@ def write_csv(runs: Runs, path: Path) -> None:
             for method, seeds in methods.items():
                 for numbers in seeds:
                     told = {name: value for name, value in numbers.items() if name not in _HIDDEN}
-                    for name, value in flat(told).items():
+                    for name, value in flat({**told, "sooner": sooner(numbers)}).items():
                         writer.writerow((task, method, numbers["cell"]["seed"], name, value))
 
 
@@ -112,8 +122,7 @@ def summaries(runs: Runs) -> dict[str, dict[str, dict[str, Any]]]:
 def markdown(runs: Runs, command: str) -> str:
     """A table for each task, a row for each method."""
     found = summaries(runs)
-    cells = [run for methods in runs.values() for seeds in methods.values() for run in seeds]
-    most = cells[0]["cell"]["most_steps"]
+    most = every_cell(runs)[0]["cell"]["most_steps"]
     limit = "" if most is None else f" **At most {most} gradient steps: a trial only.**"
     lines = [
         "# Benchmark",
@@ -128,7 +137,7 @@ def markdown(runs: Runs, command: str) -> str:
         "```",
         "",
         "† cannot be asked for a style: it acts at will whatever one asks for, so that its styles share its episodes.",
-        *_remarks(cells),
+        *_remarks(runs),
     ]
     for task, methods in found.items():
         heads = " | ".join(head for head, _, _ in COLUMNS[task])
@@ -140,7 +149,7 @@ def markdown(runs: Runs, command: str) -> str:
             seeds = ", ".join(str(run["cell"]["seed"]) for run in runs[task][method])
             said = " | ".join(_said(name, summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
             lines.append(f"| {title(method, summary)} | {_needs(METHODS[method])} | {seeds} | {said} |")
-        lines += _not_run(task, methods)
+        lines += [*_not_run(task, methods), *_how_soon(task, runs[task], methods)]
     return "\n".join(lines) + "\n"
 
 
@@ -166,12 +175,13 @@ def panels(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[dict[st
     ]
 
 
-def _remarks(cells: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What a reader should know of the cells: warnings of a training, and that they are of several commits."""
+def _remarks(runs: Runs) -> list[str]:
+    """What a reader should know of the cells: warnings of a whole training, and that they are of several commits."""
+    cells = every_cell(runs)
     warned = [
         f"Warning, {cell['cell']['task']}, {cell['cell']['method']}, seed {cell['cell']['seed']}: {warning}"
         for cell in cells
-        for warning in cell.get("warnings", ())
+        for warning in (() if cell["cell"].get("one_in", 1) > 1 else cell.get("warnings", ()))
     ]
     made_at = {cell.get("commit") or "unknown" for cell in cells}
     commits = sorted(made_at | {cell["trained_at_commit"] for cell in cells if "trained_at_commit" in cell})
@@ -183,6 +193,35 @@ def _not_run(task: str, methods: Container[str]) -> list[str]:
     """Which methods could play a task, but have no cell there."""
     missing = [entry.title for name, entry in METHODS.items() if name not in methods and obstacle(name, task) is None]
     return ["", f"Not run: {', '.join(missing)}."] if missing else []
+
+
+def _how_soon(
+    task: str, methods: Mapping[str, Sequence[Mapping[str, Any]]], summaries: Mapping[str, Mapping[str, Any]]
+) -> list[str]:
+    """What comes of shorter trainings, of the methods and seeds that have them all."""
+    rows = []
+    for method, runs in methods.items():
+        seeds = [run for run in runs if len(run.get("shorter", ())) == len(PARTS)]
+        if not seeds:
+            continue
+        found = over_seeds([sooner(run) for run in seeds])
+        shares = (f"{quality['mean']:.2f}" for quality in reversed(found["quality"].values()))
+        to_most = found.get("train_seconds_to_most")
+        seconds = ("" if to_most is None else f"{to_most['mean']:,.0f}", f"{found['train_seconds']['1']['mean']:,.0f}")
+        told = ", ".join(str(run["cell"]["seed"]) for run in seeds)
+        rows.append(f"| {title(method, summaries[method])} | {told} | {' | '.join((*shares, *seconds))} |")
+    if not rows:
+        return []
+    return [
+        "",
+        f"{TITLES[task]}, how soon: quality after an eighth, a quarter, half and all of the gradient steps, each a",
+        "training of its own, and the training seconds of the shortest that, like all longer ones, has 0.9 of the",
+        f"last. Quality: {QUALITIES[task]}.",
+        "",
+        "| method | seeds | 1/8 | 1/4 | 1/2 | all | to 0.9 of it, s | all, s |",
+        "|---|---|---|---|---|---|---|---|",
+        *rows,
+    ]
 
 
 def _needs(entry: Entry) -> str:

@@ -43,6 +43,8 @@ class Task:
     """Further numbers about episodes as those of a label."""
     overall: Callable[[Demonstrations], Mapping[str, float]] = lambda episodes: {}
     """Further numbers about episodes at will."""
+    quality: str = "at_will.success"
+    """The number that tells how good those are who cannot be asked for a style."""
     as_demonstrated: Callable[[Demonstrations, Demonstrations], Demonstrations] = lambda episodes, test: episodes
     """Episodes cut to where demonstrators would have ended; the second are those held out."""
     apart: Callable[[Demonstrations], Demonstrations] = lambda demonstrations: demonstrations
