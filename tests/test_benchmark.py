@@ -30,6 +30,7 @@ from tvae.experiments.benchmark.sooner import PARTS, sooner
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError
 from tvae.experiments.reproduction.studies import STUDIES
+from tvae.experiments.run_directory import write_json
 from tvae.figures.benchmark import Bar, benchmark_figure
 
 DEMONSTRATIONS = {
@@ -198,6 +199,22 @@ def test_cells_of_one_table_are_made_alike(plan: Plan, monkeypatch: pytest.Monke
     assert not longer.cells("zombie", "walk")[0].numbers.exists()
     benchmark(replace(longer, seeds=(100,)), jobs=1, force=True, console=QUIET)
     assert "30 fresh episodes" in (plan.out / "README.md").read_text()
+
+
+def test_a_fit_that_only_some_seeds_have_says_of_how_many(plan: Plan):
+    for cell in plan.all_cells():
+        cell.run()
+    walk = plan.cells("zombie", "walk")[0]
+    numbers = walk.read()
+    fit = plan.cells("zombie", "walk")[1].read()["trajectory_fit"]
+    write_json(walk.numbers, {name: value for name, value in numbers.items() if name != "trajectory_fit"})
+    write(plan)
+    (row,) = [line for line in (plan.out / "README.md").read_text().splitlines() if "| Straight walk †" in line]
+    assert f"| {fit:.2f} (1 of 2 seeds) |" in row
+    write_json(walk.numbers, {name: value for name, value in numbers.items() if name != "at_will"})
+    write(plan)
+    (row,) = [line for line in (plan.out / "README.md").read_text().splitlines() if "| Straight walk †" in line]
+    assert "seeds)" not in row  # what else is not there in every seed is left out
 
 
 def test_shorter_trainings_have_cells_of_their_own(plan: Plan, monkeypatch: pytest.MonkeyPatch):

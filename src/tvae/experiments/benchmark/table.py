@@ -90,6 +90,9 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, int], ...]] = {
 """Head, number and decimals of each column."""
 _SHOWN = ("worst_success", "coverage", "at_will.best_coverage")
 """The numbers that the figure shows, as far as a task's table has them."""
+_YOUNGER = "trajectory_fit"
+"""A number that some stored cells lack because it was not measured when they were made; no number lacks otherwise but
+where it cannot be told."""
 _COSTS = {"num_parameters", "env_steps", "train_seconds", "ms_per_action"}
 """Told by their means alone."""
 _HIDDEN = {"threads", "seed", "cell", "versions", "warnings", "commit", "shorter"}
@@ -109,14 +112,17 @@ def write_csv(runs: Runs, path: Path) -> None:
 
 
 def summaries(runs: Runs) -> dict[str, dict[str, dict[str, Any]]]:
-    """By task and method: means and 95 % intervals over seeds."""
+    """By task and method: means and 95 % intervals over seeds; `seeds` of each number says over how many."""
     return {
-        task: {
-            method: over_seeds([flat({k: v for k, v in run.items() if k not in _HIDDEN}) for run in seeds])
-            for method, seeds in methods.items()
-        }
-        for task, methods in runs.items()
+        task: {method: _summary(seeds) for method, seeds in methods.items()} for task, methods in runs.items()
     }
+
+
+def _summary(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    numbers = [flat({name: value for name, value in run.items() if name not in _HIDDEN}) for run in runs]
+    measured = [run for run in numbers if _YOUNGER in run]
+    younger = over_seeds([{_YOUNGER: run[_YOUNGER]} for run in measured]) if measured else {}
+    return {**over_seeds(numbers), **younger}
 
 
 def markdown(runs: Runs, command: str) -> str:
@@ -147,7 +153,9 @@ def markdown(runs: Runs, command: str) -> str:
         lines.append(f"|---|---|---{'|---' * len(COLUMNS[task])}|")
         for method, summary in methods.items():
             seeds = ", ".join(str(run["cell"]["seed"]) for run in runs[task][method])
-            said = " | ".join(_said(name, summary.get(name), decimals) for _, name, decimals in COLUMNS[task])
+            said = " | ".join(
+                _said(name, summary.get(name), decimals, len(runs[task][method])) for _, name, decimals in COLUMNS[task]
+            )
             lines.append(f"| {title(method, summary)} | {_needs(METHODS[method])} | {seeds} | {said} |")
         lines += [*_not_run(task, methods), *_how_soon(task, runs[task], methods)]
     return "\n".join(lines) + "\n"
@@ -228,9 +236,10 @@ def _needs(entry: Entry) -> str:
     return ", ".join(need.value for need in entry.needs) or "demonstrations"
 
 
-def _said(name: str, number: Mapping[str, Any] | None, decimals: int) -> str:
+def _said(name: str, number: Mapping[str, Any] | None, decimals: int, num_seeds: int) -> str:
     if number is None:
         return ""
     interval = () if name in _COSTS else number["ci95"] or ()
     mean, *ends = (f"{value:,.{decimals}f}" for value in (number["mean"], *interval))
-    return f"{mean} [{', '.join(ends)}]" if set(ends) - {mean} else mean
+    few = "" if number["seeds"] == num_seeds else f" ({number['seeds']} of {num_seeds} seeds)"
+    return (f"{mean} [{', '.join(ends)}]" if set(ends) - {mean} else mean) + few
