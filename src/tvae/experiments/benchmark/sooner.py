@@ -4,7 +4,7 @@ Rates fall towards the end of a training, so that a training cut short is worse 
 learns anew with an eighth, a quarter and half of its gradient steps, and its bots are measured as always:
 
     q_p = quality with one in p of the steps, p = 8, 4, 2, 1
-    seconds to nearly all of it = training seconds with one in p*, p* the largest p with q_p', p' = 1 .. p, >= 0.9 q_1
+    enough is 1 / p*, p* the largest p with q_p' >= 0.9 q_1 for p' = 1 .. p
 
 Quality is the worst success over styles, and of a method that cannot be asked for one the number that its task names.
 """
@@ -23,17 +23,17 @@ NEARLY = 0.9
 
 
 def sooner(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """`quality` and `train_seconds` by share of the steps, and `train_seconds_to_most`, where shorter trainings are.
-
-    The last is missing where the quality is 0, which is reached at once.
+    """`quality` and `train_seconds` by share of the steps; `share_to_most` and `train_seconds_to_most` of the shortest
+    training that is enough. Nothing where there are no shorter trainings, and not the last two where the quality is 0,
+    which is reached at once.
 
     >>> def cell(one_in, success, seconds):
     ...     asked = {"task": "zombie", "one_in": one_in}
     ...     return {"cell": asked, "asked": 1, "worst_success": success, "train_seconds": seconds}
     >>> shorter = [cell(2, 0.97, 40.0), cell(4, 0.9, 20.0), cell(8, 0.3, 10.0)]
     >>> found = sooner({**cell(1, 0.98, 80.0), "shorter": shorter})
-    >>> found["quality"], found["train_seconds_to_most"]
-    ({'1': 0.98, '1/2': 0.97, '1/4': 0.9, '1/8': 0.3}, 20.0)
+    >>> found["quality"], found["share_to_most"], found["train_seconds_to_most"]
+    ({'1': 0.98, '1/2': 0.97, '1/4': 0.9, '1/8': 0.3}, 0.25, 20.0)
     >>> sooner(cell(1, 0.98, 80.0))
     {}
     """
@@ -52,7 +52,7 @@ def sooner(numbers: Mapping[str, Any]) -> dict[str, Any]:
             if value < NEARLY * quality[1]:
                 break
             enough = part
-        found["train_seconds_to_most"] = seconds[enough]
+        found |= {"share_to_most": 1 / enough, "train_seconds_to_most": seconds[enough]}
     return found
 
 

@@ -214,20 +214,23 @@ def _how_soon(
             continue
         found = over_seeds([sooner(run) for run in seeds])
         shares = (f"{quality['mean']:.2f}" for quality in reversed(found["quality"].values()))
-        to_most = found.get("train_seconds_to_most")
-        seconds = ("" if to_most is None else f"{to_most['mean']:,.0f}", f"{found['train_seconds']['1']['mean']:,.0f}")
+        enough = [
+            f"{found[name]['mean']:,.{decimals}f}" if name in found else ""
+            for name, decimals in (("share_to_most", 3), ("train_seconds_to_most", 0))
+        ]
+        whole = f"{found['train_seconds']['1']['mean']:,.0f}"
         told = ", ".join(str(run["cell"]["seed"]) for run in seeds)
-        rows.append(f"| {title(method, summaries[method])} | {told} | {' | '.join((*shares, *seconds))} |")
+        rows.append(f"| {title(method, summaries[method])} | {told} | {' | '.join((*shares, *enough, whole))} |")
     if not rows:
         return []
     return [
         "",
         f"{TITLES[task]}, how soon: quality after an eighth, a quarter, half and all of the gradient steps, each a",
-        "training of its own, and the training seconds of the shortest that, like all longer ones, has 0.9 of the",
-        f"last. Quality: {QUALITIES[task]}.",
+        "training of its own; and the share of the steps and the training seconds of the shortest that, like all",
+        f"longer ones, has 0.9 of the last. Quality: {QUALITIES[task]}.",
         "",
-        "| method | seeds | 1/8 | 1/4 | 1/2 | all | to 0.9 of it, s | all, s |",
-        "|---|---|---|---|---|---|---|---|",
+        "| method | seeds | 1/8 | 1/4 | 1/2 | all | enough for 0.9 | s | all, s |",
+        "|---|---|---|---|---|---|---|---|---|",
         *rows,
     ]
 
