@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -99,15 +99,17 @@ def train(
     """
     if batch_size is None:
         batch_size = suitable_batch_size(demonstrations.lengths)
-    for name, number in (
-        ("num_steps", num_steps),
-        ("batch_size", batch_size),
-        ("evaluate_every", evaluate_every),
-        ("patience", patience),
-        ("the number of held-out episodes", len(held_out)),
-    ):
-        if number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
+    _check(
+        {
+            "num_steps": num_steps,
+            "batch_size": batch_size,
+            "shortest_window": shortest_window,
+            "evaluate_every": evaluate_every,
+            "patience": patience,
+            "the number of held-out episodes": len(held_out),
+        },
+        {"learning_rate": learning_rate, "clip": clip},
+    )
     if not 0 <= state_weight < math.inf:
         raise ValueError(f"state_weight must be a number of at least 0, got {state_weight}")
     model.calibrate(demonstrations)
@@ -179,6 +181,15 @@ def train(
     observer.on_end(progress)
     diagnose(model, progress, state_weight, choosable)
     return progress.records
+
+
+def _check(counts: Mapping[str, int], amounts: Mapping[str, float]) -> None:
+    for name, number in counts.items():
+        if number < 1:
+            raise ValueError(f"{name} must be at least 1, got {number}")
+    for name, amount in amounts.items():
+        if not amount > 0:
+            raise ValueError(f"{name} must be above 0, got {amount}")
 
 
 @dataclass(frozen=True)
