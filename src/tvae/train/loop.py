@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.identity import identity
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
+from tvae.model.arguments import counted
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
@@ -99,17 +100,17 @@ def train(
     """
     if batch_size is None:
         batch_size = suitable_batch_size(demonstrations.lengths)
-    _check(
-        {
-            "num_steps": num_steps,
-            "batch_size": batch_size,
-            "shortest_window": shortest_window,
-            "evaluate_every": evaluate_every,
-            "patience": patience,
-            "the number of held-out episodes": len(held_out),
-        },
-        {"learning_rate": learning_rate, "clip": clip},
-    )
+    for name, number in (
+        ("num_steps", num_steps),
+        ("batch_size", batch_size),
+        ("shortest_window", shortest_window),
+        ("evaluate_every", evaluate_every),
+        ("patience", patience),
+        ("the number of held-out episodes", len(held_out)),
+    ):
+        counted(name, number)
+    if not clip > 0:
+        raise ValueError(f"clip must be above 0, got {clip}")
     if not 0 <= state_weight < math.inf:
         raise ValueError(f"state_weight must be a number of at least 0, got {state_weight}")
     model.calibrate(demonstrations)
@@ -181,15 +182,6 @@ def train(
     observer.on_end(progress)
     diagnose(model, progress, state_weight, choosable)
     return progress.records
-
-
-def _check(counts: Mapping[str, int], amounts: Mapping[str, float]) -> None:
-    for name, number in counts.items():
-        if number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
-    for name, amount in amounts.items():
-        if not amount > 0:
-            raise ValueError(f"{name} must be above 0, got {amount}")
 
 
 @dataclass(frozen=True)
