@@ -128,7 +128,8 @@ class Agent:
                 "play in it"
             )
         if env is None:
-            self._observation_space, self._action_space = by_name(model.observation_space), by_name(model.action_space)
+            self._observation_space: gymnasium.Space[Any] = by_name(model.observation_space)
+            self._action_space: gymnasium.Space[Any] = by_name(model.action_space)
         else:
             check_spaces(as_vector(env), model.observation_space, model.action_space)
             self._observation_space, self._action_space = env.observation_space, env.action_space
