@@ -1,5 +1,6 @@
 """Where tensors live and randomness comes from."""
 
+import numpy as np
 import pytest
 import torch
 from torch.fx.experimental import _config as config
@@ -22,6 +23,18 @@ def cpu_only(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_unknown_names_are_refused(name: str):
     with pytest.raises(DeviceError, match="device must be auto, cpu, cuda, cuda:N or mps, got"):
         resolve_device(name)
+
+
+def test_a_device_of_torch_is_one():
+    assert resolve_device(torch.device("cpu")) == torch.device("cpu")
+
+
+def test_a_seed_may_be_a_whole_number_of_numpy():
+    drawn = []
+    for seed in (5, np.int64(5), np.uint32(5)):
+        reseed(seed, torch.device("cpu"))
+        drawn.append(torch.rand(()).item())
+    assert len(set(drawn)) == 1
 
 
 @pytest.mark.usefixtures("cpu_only")

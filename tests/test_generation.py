@@ -186,11 +186,14 @@ def test_a_dynamics_model_dreams_in_windows(starts: np.ndarray, latents: np.ndar
         ({"z": np.zeros((6, 3))}, r"got \(6, 3\)"),
         ({"z": Z}, r"got \(2,\)"),
         ({"window": 0}, "window must be at least 1 step, got 0"),
+        ({"z": np.full((6, 2), np.nan)}, r"z needs finite numbers, got \[nan nan\]"),
+        ({"starts": np.zeros((6, 2))}, r"starts need the shape \(episodes, 6\), got \(6, 2\)"),
+        ({"starts": np.full((6, 6), np.inf)}, r"start 0, column observation\.room: needs a finite number, got inf"),
     ],
 )
 def test_impossible_dreams_are_refused(model: TrajectoryVAE, starts: np.ndarray, change: dict, message: str):
     with pytest.raises(ValueError, match=message):
-        imagine(model, starts, **{"z": np.zeros((6, 2)), "num_steps": 3, **change})
+        imagine(model, **{"starts": starts, "z": np.zeros((6, 2)), "num_steps": 3, **change})
 
 
 def test_a_dream_that_explodes_ends_in_words():
@@ -276,6 +279,11 @@ def test_z_of_another_size_is_refused(model: TrajectoryVAE):
         Agent(model, np.zeros(3))
 
 
+def test_a_z_is_whatever_holds_its_numbers(model: TrajectoryVAE):
+    for z in (Z.tolist(), tuple(Z), torch.tensor(Z)):
+        np.testing.assert_array_equal(Agent(model, z).policy.z, [Z])
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_an_observation_that_is_no_number_is_refused(model: TrajectoryVAE, value: float):
     """Not acted on, and above all not waited for."""
@@ -350,6 +358,25 @@ def test_an_agent_without_environment_speaks_in_names(model: TrajectoryVAE):
     assert set(action) == set(ACTIONS.names)
     assert int(action["tool"]) in {1, 2, 3, 4}
     assert action["attack"].tolist() in [[0], [1]]
+    alone = Agent(model, Z).act({name: np.ravel(value)[0] for name, value in observation.items()})
+    assert str(alone) == str(action)
+
+
+def test_an_agent_without_environment_speaks_in_names_whatever_the_signals():
+    space = Space((Continuous("x"), Continuous("y")))
+    agent = Agent(untrained(noise([5, 4], observation_space=space, action_space=space)), Z)
+    action = agent.act({"x": 1.0, "y": -2.0})
+    assert {name: value.shape for name, value in action.items()} == {"x": (1,), "y": (1,)}
+    for observation in ({"x": 1.0}, np.zeros(2), None):
+        with pytest.raises(DataError, match=r"an observation has to be of Dict\('x': .*, got "):
+            agent.act(observation)
+
+
+def test_an_agent_plays_one_episode(cart_pole: TrajectoryVAE):
+    env = gymnasium.make("CartPole-v1")
+    agent = Agent(cart_pole, Z, env)
+    with pytest.raises(DataError, match=r"an agent plays one episode .*, got \(3,\) of them"):
+        agent.act(np.zeros((3, 4)))
 
 
 def test_a_rollout_does_not_disturb_the_episode_of_the_agent():

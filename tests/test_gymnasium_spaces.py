@@ -191,3 +191,16 @@ def test_the_gymnasium_space_of_one_kind_is_no_dict() -> None:
     assert gymnasium_from_space(
         Space((Categorical("a", ("x", "y")), Categorical("b", (1, 2, 3))))
     ) == gym.MultiDiscrete([2, 3], start=[0, 1])
+
+
+@pytest.mark.parametrize("space", [gym.Dict({}), gym.Box(-1, 1, (0,)), gym.Tuple((gym.Dict({}),))])
+def test_a_space_without_numbers_is_refused(space: gymnasium.Space):
+    with pytest.raises(UnsupportedSpaceError, match="holds no numbers at all: supported are"):
+        space_from_gymnasium(space)
+
+
+def test_a_number_alone_stands_for_an_array_of_one():
+    space = gym.Dict({"x": gym.Box(-1, 1, (1,)), "jump": gym.MultiBinary(1), "go": gym.Discrete(3)})
+    assert flatten(space, {"x": 0.5, "jump": 1, "go": 2}).tolist() == flatten(
+        space, {"x": np.array([0.5]), "jump": np.array([1]), "go": np.int64(2)}
+    ).tolist()

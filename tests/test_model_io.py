@@ -42,6 +42,19 @@ def saved(tmp_path: Path) -> Path:
     return directory
 
 
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ({"latent_features": -1}, "latent_features must be at least 0, got -1"),
+        ({"hidden_features": 0}, "hidden_features must be at least 1, got 0"),
+        ({"action_components": 0}, "action_components must be at least 1, got 0"),
+    ],
+)
+def test_counts_that_cannot_be_are_refused_by_name(argument: dict, message: str):
+    with pytest.raises(ValueError, match=message):
+        TrajectoryVAE(OBSERVATIONS, ACTIONS, **argument)
+
+
 def edit(directory: Path, **changes: object) -> None:
     path = directory / "config.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))

@@ -315,3 +315,11 @@ def test_playstyles_of_before_were_not_joined():
     data = Playstyles.from_pretrained("navigation").to_json()
     del data["parts"]
     assert Playstyles.from_json(data).parts == ((0,), (1,), (2,))
+
+
+def test_what_a_notebook_shows_of_them_is_short():
+    noise = 0.1 * np.random.default_rng(0).normal(size=(100, 2))
+    means = np.repeat([[-1.0, 0.0], [1.0, 0.0]], [60, 40], axis=0) + noise
+    found = find_playstyles(Posteriors(means, np.full((100, 2), 0.2)))
+    assert repr(found) == f"<Playstyles: {found.verdict}>"
+    assert repr(found.styles[0]).startswith("<Style 0: 60 % of the episodes, z around (-")

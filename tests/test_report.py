@@ -224,6 +224,18 @@ class TestPage:
 
 
 class TestHeadline:
+    def test_agreement_and_success_are_those_of_the_metrics_with_their_intervals(self):
+        metrics = {
+            "playstyles": {"ari": 0.87},
+            "success": {"style 0": 0.9},
+            "ci95": {"success": {"style 0": [0.8, 0.97]}},
+            "test_episodes": 50,
+        }
+        page = Page(render(_content(metrics=metrics)))
+        assert "agreement with the labels 0.87" in page.text
+        assert "success of style 0 90 % 95 % interval 80 % to 97 %, 50 episodes" in page.text
+        assert page.text.count("0.87") == 2  # the tile and one row of the table
+
     @pytest.mark.parametrize(
         ("verdict", "headline"),
         [
@@ -282,6 +294,12 @@ class TestSectionsLeftOut:
         page = Page(render(replace(content, styles=content.styles[:1])))
         assert "playstyle found 1" in page.text
         assert page.ids.count("latent") == 1
+
+    def test_nothing_to_tell_apart_is_no_playstyle(self):
+        content = _content(assignment=np.zeros(12, dtype=np.int64), verdict="not distinguishable: it has collapsed.")
+        page = Page(render(replace(content, styles=content.styles[:1])))
+        assert "distinct playstyles 0 all sessions count as one style below" in page.text
+        assert "playstyle found" not in page.text
 
     def test_no_latent(self):
         page = Page(render(_content(latent_means=np.zeros((12, 0)))))
@@ -412,6 +430,31 @@ class TestTables:
             (("b", "d"), "1, 2.5", "", ""),
             (("a", "0", "x"), "–", "", ""),
         ]
+
+    def test_intervals_of_bots_stand_beside_what_they_are_of(self):
+        metrics = {
+            "success": {"north": 0.9, "south": 0.5},
+            "ci95": {"success": {"north": [0.8, 1.0]}, "leaps": {"north": [1, 3]}},
+            "leaps": {"north": 2.0},
+            "test_episodes": 50,
+            "held_out_likelihood": {"difference": {"mean": 1.5, "ci95": [1, 2]}},
+        }
+        rows = {"/".join(row.path): (row.value, row.interval, row.basis) for row in metric_rows(metrics)}
+        assert rows == {
+            "success/north": ("0.9", "0.8 to 1", "50 episodes"),
+            "success/south": ("0.5", "", ""),
+            "leaps/north": ("2", "1 to 3", "50 episodes"),
+            "test_episodes": ("50", "", ""),
+            "held_out_likelihood/difference": ("1.5", "1 to 2", ""),
+        }
+
+    def test_numbers_say_what_they_mean(self):
+        metrics = {"train_steps": 3, "success": {"north": 0.9}, "leaps": {"north": 2.0}, "mine": 1}
+        metrics |= {"ci95": {"leaps": {"north": [1, 3]}}, "nats_per_trajectory": {"training": {"kl": 1.0}}}
+        means = {"/".join(row.path): row.meaning for row in metric_rows(metrics)}
+        assert means.pop("mine") == ""
+        assert all(means.values())
+        assert len(set(means.values())) == len(means)
 
     def test_what_counts_as_measured(self):
         assert measured(1) == Measured(1.0)

@@ -551,6 +551,13 @@ def test_fit_resumes_from_its_checkpoint(tmp_path: Path):
     assert steps == [1, 2]
 
 
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+def test_fit_learns_whatever_mode_is_on(mode: type):
+    with mode():
+        model = fit(two_styles(10), num_steps=2, policy_steps=2, device="cpu")
+    assert all(weight.requires_grad and not weight.is_inference() for weight in model.parameters())
+
+
 def test_fit_hands_its_arguments_on(monkeypatch: pytest.MonkeyPatch):
     told: dict[str, object] = {}
     monkeypatch.setattr("tvae.fitting.fit.train", lambda *arguments, **keywords: told.update(keywords))
@@ -674,7 +681,14 @@ def test_impossible_weights_of_the_state_term_are_refused(
         train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, state_weight=weight)
 
 
-@pytest.mark.parametrize("name", ["num_steps", "batch_size", "evaluate_every", "patience"])
+@pytest.mark.parametrize("clip", [0, -1.0, float("nan")])
+def test_a_clip_that_is_not_positive_is_refused(walks: tuple[Demonstrations, Demonstrations], clip: float):
+    """A negative one would turn the gradient round."""
+    with pytest.raises(ValueError, match=f"clip must be above 0, got {clip}"):
+        train(untrained(walks[0]), *walks, schedule=Constant(), **QUICK, clip=clip)
+
+
+@pytest.mark.parametrize("name", ["num_steps", "batch_size", "shortest_window", "evaluate_every", "patience"])
 def test_counts_below_1_are_refused(walks: tuple[Demonstrations, Demonstrations], name: str):
     with pytest.raises(ValueError, match=f"{name} must be at least 1, got 0"):
         train(untrained(walks[0]), *walks, schedule=Constant(), **{**QUICK, name: 0})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from operator import index
+from typing import SupportsIndex
 
 import torch
 
@@ -14,7 +16,7 @@ class DeviceError(TvaeError):
     """A device that is unknown or not there."""
 
 
-def resolve_device(name: str) -> torch.device:
+def resolve_device(device: str | torch.device) -> torch.device:
     """The device called `auto` (the best there is), `cpu`, `cuda` (or `cuda:N`) or `mps`.
 
     Raises `DeviceError` for an unknown name, or a device that this machine does not have.
@@ -22,6 +24,7 @@ def resolve_device(name: str) -> torch.device:
     >>> resolve_device("cpu")
     device(type='cpu')
     """
+    name = str(device)
     there = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
     if name == "auto":
         return torch.device(next(kind for kind in ("cuda", "mps", "cpu") if there[kind]))
@@ -34,11 +37,12 @@ def resolve_device(name: str) -> torch.device:
     return torch.device(name)
 
 
-def reseed(seed: int, device: torch.device) -> None:
+def reseed(seed: SupportsIndex, device: torch.device) -> None:
     """Let the randomness of the CPU and of `device` depend on `seed` alone from here on.
 
     `torch.manual_seed` does so on all devices there may be, which takes far longer.
     """
+    seed = index(seed)  # PyTorch takes no whole number of NumPy's
     torch.default_generator.manual_seed(seed)
     if device.type == "cuda":
         with torch.cuda.device(device):
@@ -48,7 +52,7 @@ def reseed(seed: int, device: torch.device) -> None:
 
 
 @contextmanager
-def seeded(seed: int, device: torch.device) -> Iterator[None]:
+def seeded(seed: SupportsIndex, device: torch.device) -> Iterator[None]:
     """Inside, randomness depends on `seed` alone; behind, it goes on as if nothing had happened.
 
     >>> def draw() -> float:

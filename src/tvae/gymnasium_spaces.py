@@ -45,7 +45,7 @@ class UnsupportedSpaceError(TvaeError):
 def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | None = None) -> Space:
     """The signals of a Gymnasium space.
 
-    Raises `UnsupportedSpaceError` for a space that is no vector of numbers (an image, a text, a graph).
+    Raises `UnsupportedSpaceError` for a space that is no vector of numbers (an image, a text, a graph), or has none.
 
     >>> import numpy as np
     >>> heading = gym.Box(-np.pi, np.pi, dtype=np.float64)
@@ -54,6 +54,8 @@ def space_from_gymnasium(space: gymnasium.Space[Any], names: Sequence[str] | Non
     ['attack', 'heading']
     """
     signals = tuple(_signals(space, ()))
+    if not signals:
+        raise UnsupportedSpaceError(f"{space} holds no numbers at all: {_SUPPORTED}")
     if names is not None:
         if len(names) != len(signals):
             raise ValueError(
@@ -87,7 +89,16 @@ def gymnasium_from_space(space: Space) -> gymnasium.Space[Any]:
         if len(starts) == 1:
             return gym.Discrete(space.num_categories[0], start=starts[0])
         return gym.MultiDiscrete(np.array(space.num_categories), start=np.array(starts))
-    return gym.Dict(OrderedDict((signal.name, gymnasium_from_space(Space((signal,)))) for signal in signals))
+    return by_name(space)
+
+
+def by_name(space: Space) -> gym.Dict:
+    """A Gymnasium Dict with a part for each signal, under its name and in the same order, whatever their kinds.
+
+    >>> by_name(Space((Continuous("x"), Categorical("move", ("left", "right")))))
+    Dict('x': Box(-inf, inf, (1,), float64), 'move': Discrete(2))
+    """
+    return gym.Dict(OrderedDict((signal.name, gymnasium_from_space(Space((signal,)))) for signal in space.signals))
 
 
 def _start(categories: tuple[int | str, ...]) -> int:
@@ -156,7 +167,7 @@ def flatten(space: gymnasium.Space[Any], value: Any) -> FloatArray:
     """Values of a Gymnasium space as rows, shape (*lead, C).
 
     `value` may be one value (`lead` empty), a batch as a vector environment gives it, or a whole episode as
-    Minari gives it: its arrays have the shape (*lead, *space.shape).
+    Minari gives it: its arrays have the shape (*lead, *space.shape). A number alone may stand for an array (1,).
     """
     match space:
         case gym.Dict():
@@ -167,6 +178,8 @@ def flatten(space: gymnasium.Space[Any], value: Any) -> FloatArray:
             return np.asarray(value, dtype=np.float64)[..., None] - float(space.start)
     array = np.asarray(value, dtype=np.float64)
     shape = _leaf_shape(space)
+    if array.ndim == 0 and shape == (1,):
+        array = array[None]
     lead = array.shape[: array.ndim - len(shape)]
     if array.shape[len(lead) :] != shape:
         raise ValueError(f"a value of {space} needs the shape {shape}, got {array.shape}")

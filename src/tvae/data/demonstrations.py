@@ -37,6 +37,8 @@ class Demonstrations(Sequence[Trajectory]):
     >>> demos = Demonstrations.from_trajectories(episodes, observation_space, action_space)
     >>> len(demos), demos.num_steps, demos.lengths.tolist(), len(demos[1])
     (2, 8, [3, 5], 5)
+    >>> demos
+    <Demonstrations: 2 episodes, 8 steps; observations: x; actions: dx>
     """
 
     observation_space: Space
@@ -57,6 +59,12 @@ class Demonstrations(Sequence[Trajectory]):
     """Further columns, a value an action, in the order of `actions`."""
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """Facts about episodes: (E,) each."""
+
+    def __repr__(self) -> str:
+        parts = {"observations": self.observation_space.names, "actions": self.action_space.names}
+        parts |= {"attributes": tuple(self.attributes)} if self.attributes else {}
+        listed = (f"{what}: {', '.join(names[:8])}{', ...' if names[8:] else ''}" for what, names in parts.items())
+        return f"<Demonstrations: {len(self):,} episodes, {self.num_steps:,} steps; {'; '.join(listed)}>"
 
     def __len__(self) -> int:
         return len(self.lengths)

@@ -41,6 +41,10 @@ class Style:
     components: Components
     """The pieces of the style among the posterior means, in the active latent features."""
 
+    def __repr__(self) -> str:
+        middle = ", ".join(f"{value:.3g}" for value in self.mean)
+        return f"<Style {self.index}: {100 * self.weight:.0f} % of the episodes, z around ({middle})>"
+
     @property
     def name(self) -> str:
         """As reports say it: `style 0`."""
@@ -97,6 +101,9 @@ class Playstyles:
     """(K, K) row: of the samples z ~ q(z | tau) of a style's episodes, the share told as each style."""
     parts: tuple[tuple[int, ...], ...]
     """Numbers of the found styles that each style is: its own, or several where it was joined from them."""
+
+    def __repr__(self) -> str:
+        return f"<Playstyles: {self.verdict}>"
 
     def __len__(self) -> int:
         return len(self.styles)

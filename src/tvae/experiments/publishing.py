@@ -16,30 +16,8 @@ from tvae.experiments.shipping import ship
 from tvae.experiments.using import FinishedRun
 from tvae.hub import Result, check_repository, model_card, upload
 from tvae.report.card import CardContent, CardStyle, Measurement, Trial, card_page
+from tvae.report.meanings import MEANING_OF_A_MEASURE, MEANINGS, MEANINGS_OF_BOTS
 from tvae.spaces import describe
-
-_MEANINGS = {
-    "playstyles.num_found": "number of styles",
-    "playstyles.ari": "adjusted Rand index of styles and labels: 1 is equal, 0 is chance",
-    "active_units": "features of z that tell episodes apart",
-    "nats_per_trajectory.held_out.policy": "log-likelihood of a held-out episode's actions, in nats",
-    "nats_per_trajectory.held_out.state": "log-likelihood of its next states",
-    "nats_per_trajectory.held_out.stop": "log-likelihood of where it ends",
-    "nats_per_trajectory.held_out.kl": "nats that z holds of it: divergence of its posterior from the prior",
-    "leakage.start_r2": "what z tells of the first observation within a style, as R2 of a prediction",
-    "leakage.start_nats": "the same in nats",
-    "held_out_likelihood.with_latent": "importance-weighted bound of a held-out episode, in nats",
-    "held_out_likelihood.without_latent": "the same of the model trained again without z",
-    "held_out_likelihood.difference": "what z gains in it",
-}
-_MEANINGS_OF_BOTS = {
-    "success": "share of test episodes that succeed, actions drawn",
-    "success_most_likely": "the same with the most likely actions",
-    "style_consistency": "share of test episodes that the encoder tells as this style",
-    "episode_length": "steps of a test episode",
-    "return": "sum of rewards of a test episode",
-}
-_MEANING_OF_A_MEASURE = "mean over test episodes, as the environment measures it"
 
 
 def measurements(metrics: Mapping[str, Any]) -> Iterator[Measurement]:
@@ -48,7 +26,7 @@ def measurements(metrics: Mapping[str, Any]) -> Iterator[Measurement]:
     >>> [(row.metric, row.value) for row in measurements({"active_units": 2, "train_seconds": 7.5})]
     [('active_units', 2)]
     """
-    for path, meaning in _MEANINGS.items():
+    for path, meaning in MEANINGS.items():
         value: Any = metrics
         for part in path.split("."):
             value = value.get(part) if isinstance(value, Mapping) else None
@@ -59,7 +37,7 @@ def measurements(metrics: Mapping[str, Any]) -> Iterator[Measurement]:
             yield Measurement(path, value, meaning)
     for metric, intervals in metrics.get("ci95", {}).items():
         for style, (low, high) in intervals.items():
-            meaning = _MEANINGS_OF_BOTS.get(metric, _MEANING_OF_A_MEASURE)
+            meaning = MEANINGS_OF_BOTS.get(metric, MEANING_OF_A_MEASURE)
             yield Measurement(metric, metrics[metric][style], meaning, style, (low, high))
 
 

@@ -57,8 +57,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         version=tvae.__version__,
         created=datetime.now(UTC).strftime("%-d %B %Y, %H:%M UTC"),
         warnings=tuple(metrics.get("warnings", ())),
-        metrics={name: value for name, value in metrics.items() if name != "warnings"}
-        | {"ari": metrics["playstyles"].get("ari")},
+        metrics={name: value for name, value in metrics.items() if name != "warnings"},
         records=history(run),
         config=about.config.to_json(),
         versions={"Python": python_version(), "torch": torch.__version__, "gymnasium": version("gymnasium")},

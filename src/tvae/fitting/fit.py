@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from tvae.data.demonstrations import Demonstrations
+from tvae.data.trajectory import DataError
 from tvae.device import resolve_device, seeded
 from tvae.fitting import MOST_POLICY_STEPS
 from tvae.fitting.refine import refine_policy
@@ -19,6 +20,7 @@ from tvae.train.penalties import Penalty
 from tvae.train.schedules import RAISED, KLSchedule
 
 
+@torch.inference_mode(False)  # whatever is on where it is called: who learns needs gradients
 def fit(
     demonstrations: Demonstrations,
     *,
@@ -50,7 +52,7 @@ def fit(
     group: str | None = None,
     policy_steps: int | None = None,
     seed: int = 0,
-    device: str = "auto",
+    device: str | torch.device = "auto",
     checkpoint: str | Path | None = None,
     observer: Observer = Observer(),  # noqa: B008 - frozen
 ) -> TrajectoryVAE:
@@ -59,7 +61,14 @@ def fit(
     The first arguments are those of `TrajectoryVAE`, the later ones those of `train`. `held_out` is the share of
     episodes kept for early stopping; with `group`, an attribute, groups stay whole. The policy then learns further
     alone (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, at most 2,500, and 0 for none.
+
+    Raises `DataError` for anything but demonstrations.
     """
+    if not isinstance(demonstrations, Demonstrations):
+        raise DataError(
+            "fit needs demonstrations, as tvae.load_demonstrations reads them, "
+            f"got {type(demonstrations).__name__}"
+        )
     if policy_steps is not None and policy_steps < 0:
         raise ValueError(f"policy_steps must be at least 0, got {policy_steps}")
     training, judged = demonstrations.split(held_out, seed=seed, group=group)
@@ -106,7 +115,9 @@ def fit(
     return model
 
 
-def new_model(demonstrations: Demonstrations, *, seed: int, device: str, **arguments: Any) -> TrajectoryVAE:
+def new_model(
+    demonstrations: Demonstrations, *, seed: int, device: str | torch.device, **arguments: Any
+) -> TrajectoryVAE:
     """An untrained model of the demonstrations' spaces; its first weights depend on `seed` alone.
 
     `arguments` are those of `TrajectoryVAE`.

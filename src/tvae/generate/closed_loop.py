@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import copy
 from typing import Any
@@ -17,7 +17,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.device import seeded
 from tvae.distributions import RowDistribution
-from tvae.gymnasium_spaces import flatten, gymnasium_from_space, unflatten
+from tvae.gymnasium_spaces import by_name, flatten, unflatten
 from tvae.model.decoding import (
     Choice,
     EventMemory,
@@ -94,9 +94,11 @@ class Agent:
     """A bot for one episode at a time.
 
     `z` is a latent (Z,), or anything that `sample`s one per episode, such as a style. With `env`, `act` takes and
-    gives the environment's own observations and actions; without it, dictionaries by the names of the signals.
+    gives the environment's own observations and actions; without it, dictionaries by the names of the signals: takes
+    numbers, and gives the number of a category and an array (1,) of any other signal (`tvae.gymnasium_spaces.by_name`).
 
-    Raises `SpaceMismatchError` if the environment has other signals than the model.
+    Raises `SpaceMismatchError` if the environment has other signals than the model, and `ValueError` for a `z` that is
+    neither.
 
     >>> import gymnasium, tvae
     >>> from tvae.gymnasium_spaces import spaces_of
@@ -111,18 +113,23 @@ class Agent:
     def __init__(
         self,
         model: TrajectoryVAE,
-        z: FloatArray | LatentSource,
+        z: Sequence[float] | FloatArray | Tensor | LatentSource,
         env: gymnasium.Env[Any, Any] | None = None,
         *,
         choice: Choice = sampled,
         window: int | None = None,
         seed: int = 0,
     ) -> None:
-        latents = Fixed(z) if isinstance(z, np.ndarray) else z
+        latents = z if isinstance(z, LatentSource) else _fixed(z)
         self.policy = LatentPolicy(model, latents, choice=choice, window=window)
+        if isinstance(env, VectorEnv):
+            raise ValueError(
+                "an agent acts in one environment, got a vector environment; leave `env` out and let `tvae.rollout` "
+                "play in it"
+            )
         if env is None:
-            self._observation_space = gymnasium_from_space(model.observation_space)
-            self._action_space = gymnasium_from_space(model.action_space)
+            self._observation_space: gymnasium.Space[Any] = by_name(model.observation_space)
+            self._action_space: gymnasium.Space[Any] = by_name(model.action_space)
         else:
             check_spaces(as_vector(env), model.observation_space, model.action_space)
             self._observation_space, self._action_space = env.observation_space, env.action_space
@@ -135,9 +142,28 @@ class Agent:
         self._seed += 1
 
     def act(self, observation: Any) -> Any:
-        """The action for this observation."""
-        rows = self.policy.act(flatten(self._observation_space, observation)[None])
-        return unflatten(self._action_space, rows[0])
+        """The action for this observation; `DataError` for what is none, such as those of a vector environment."""
+        try:
+            row = flatten(self._observation_space, observation)
+        except (TypeError, LookupError) as error:
+            there = f"{observation!r:.200}"
+            raise DataError(f"an observation has to be of {self._observation_space}, got {there}") from error
+        if row.ndim != 1:
+            raise DataError(
+                f"an agent plays one episode and takes one observation, got {row.shape[:-1]} of them; "
+                "`tvae.rollout` plays many at once"
+            )
+        return unflatten(self._action_space, self.policy.act(row[None])[0])
+
+
+def _fixed(z: object) -> Fixed:
+    """The same z in every episode; `ValueError` for what is no numbers."""
+    try:
+        return Fixed(np.asarray(z, dtype=np.float64))
+    except (ValueError, TypeError):
+        raise ValueError(
+            f"an agent needs a z, or something that samples one such as `playstyles.styles[0]`, got {type(z).__name__}"
+        ) from None
 
 
 def rollout(

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from tvae.data.demonstrations import Demonstrations
-from tvae.data.trajectory import Trajectory
+from tvae.data.trajectory import DataError, Trajectory
 from tvae.device import seeded
 from tvae.gymnasium_spaces import wrap
 from tvae.model.decoding import Choice, latent_of, sampled, tensor_of
@@ -34,6 +34,8 @@ def imagine(
     takes on them; for a model with `dynamics` each action is taken into account in the next state. Where the model
     has a stop term an episode ends by itself, at most after `num_steps`.
 
+    Raises `DataError` for a start that the space does not allow.
+
     >>> from tvae.spaces import Continuous, Space
     >>> model = TrajectoryVAE(Space((Continuous("x"),)), Space((Continuous("dx"),)), stop=False)
     >>> len(imagine(model, np.zeros((3, 1)), np.zeros((3, 2)), num_steps=5)[0])
@@ -41,10 +43,15 @@ def imagine(
     """
     if num_steps < 1:
         raise ValueError(f"num_steps must be at least 1, got {num_steps}")
-    normalizer = model.observation_normalizer
+    normalizer, starts = model.observation_normalizer, np.asarray(starts, dtype=np.float64)
+    if starts.ndim != 2 or starts.shape[1] != normalizer.space.num_columns:
+        raise DataError(f"starts need the shape (episodes, {normalizer.space.num_columns}), got {starts.shape}")
+    problem = normalizer.space.first_problem(starts)
+    if problem is not None:
+        raise DataError(f"start {problem.row}, column observation.{problem.column}: {problem.message}")
     latent = latent_of(model, z, len(starts))
     values = normalizer.values(tensor_of(model, starts))
-    observations, actions = [np.asarray(starts, dtype=np.float64)], []
+    observations, actions = [starts], []
     lengths = np.full(len(starts), num_steps, dtype=np.int64)
     with seeded(seed, model.device):
         imagination = Imagination(model, latent, choice, window=window)

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from tvae.distributions import RowDistribution
+from tvae.model.arguments import counted
 from tvae.model.events import SURE
 from tvae.model.trunks import Memory, Trunk
 from tvae.model.tvae import TrajectoryVAE
@@ -94,8 +95,7 @@ class Recurrence:
     """Feeds a decoder the inputs of one step after another, remembering all of them or the last `window`."""
 
     def __init__(self, trunk: Trunk, z: Float[Tensor, "N Z"], window: int | None) -> None:
-        if window is not None and window < 1:
-            raise ValueError(f"window must be at least 1 step, got {window}")
+        window = None if window is None else counted("window", window, unit=" step")
         self._trunk = trunk
         self._z = z
         self._memory: Memory | None = None
@@ -154,7 +154,10 @@ def tensor_of(model: TrajectoryVAE, rows: FloatArray) -> Tensor:
 
 
 def latent_of(model: TrajectoryVAE, z: FloatArray, count: int) -> Float[Tensor, "N Z"]:
-    """`tensor_of` for the z of `count` episodes; `ValueError` if they are of another shape."""
+    """`tensor_of` for the z of `count` episodes; `ValueError` if they are of another shape or no finite numbers."""
+    z = np.asarray(z, dtype=np.float64)
     if z.shape != (count, model.latent_features):
         raise ValueError(f"{count} episodes need z of the shape {(count, model.latent_features)}, got {z.shape}")
+    if not np.isfinite(z).all():
+        raise ValueError(f"z needs finite numbers, got {z[~np.isfinite(z).all(axis=1)][0]}")
     return tensor_of(model, z)

@@ -14,6 +14,7 @@ from torch.distributions import Normal
 from tvae.data.batches import TrajectoryBatch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.normalizer import Normalizer
+from tvae.model.arguments import counted
 from tvae.model.calibration import some_rows, typical_changes
 from tvae.model.decoders import PolicyDecoder, StateDecoder
 from tvae.model.encoder import Encoder, NoEncoder
@@ -62,6 +63,8 @@ class TrajectoryVAE(Saved):
         dynamics: whether the state decoder reads the actions, p(s_t+1 | s_1:t, a_1:t, z), and says what an action
             leads to; without them it says what happens for that z, whatever is done.
 
+    Raises `ValueError` for a number that cannot be; NumPy's are kept as Python's.
+
     >>> from tvae.spaces import Angular, Continuous, Space
     >>> model = TrajectoryVAE(Space((Continuous("x"), Continuous("y"))), Space((Angular("heading"),)))
     >>> sum(p.numel() for p in model.parameters()) > 10_000
@@ -94,11 +97,16 @@ class TrajectoryVAE(Saved):
         events: bool = True,
     ) -> None:
         super().__init__()
-        for name, steps in (("window", window), ("horizon", horizon)):
-            if steps is not None and steps < 1:
-                raise ValueError(f"{name} must be at least 1 step, got {steps}")
-        if prior_components < 1:
-            raise ValueError(f"prior_components must be at least 1, got {prior_components}")
+        latent_features = counted("latent_features", latent_features, 0)
+        hidden_features = counted("hidden_features", hidden_features)
+        policy_features = None if policy_features is None else counted("policy_features", policy_features)
+        window = None if window is None else counted("window", window, unit=" step")
+        action_components = counted("action_components", action_components)
+        state_components = counted("state_components", state_components)
+        prior_components = counted("prior_components", prior_components)
+        horizon = counted("horizon", horizon, unit=" step")
+        stop, encode_actions, reactive, dynamics, events = map(bool, (stop, encode_actions, reactive, dynamics, events))
+        dropout, state_floor, action_floor = map(float, (dropout, state_floor, action_floor))
         self.observation_space = observation_space
         self.action_space = action_space
         self.latent_features = latent_features

@@ -83,7 +83,10 @@ class CardContent:
             f"playstyles = tvae.Playstyles.from_pretrained({repository})",
         ]
         if self.environment is None:
-            lines += ["agent = tvae.Agent(model, playstyles.styles[0])", "action = agent.act(observation)"]
+            lines += [
+                "agent = tvae.Agent(model, playstyles.styles[0])",
+                "action = agent.act(observation)  # both are dictionaries, by the names of the signals",
+            ]
         else:
             lines = ["import gymnasium", *lines, f"env = {self.environment}"]
             lines += [

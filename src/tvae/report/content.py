@@ -46,9 +46,10 @@ class StyleSection:
 class ReportContent:
     """A whole report.
 
-    Two entries of `metrics` stand in the headline if they are there: `ari`, the agreement of the found styles
-    with the labels, and `success`, by a style's label or name. Each is a number or, over seeds,
-    `{"mean": m, "ci95": [low, high], "seeds": n}`. Without `success`, it is counted in the test episodes.
+    Two entries of `metrics` stand in the headline if they are there: `playstyles.ari` (or `ari`), the agreement of the
+    found styles with the labels, and `success`, by a style's label or name. Each is a number, whose interval may stand
+    at the same place in `ci95`, or, over seeds, `{"mean": m, "ci95": [low, high], "seeds": n}`. Without `success`, it
+    is counted in the test episodes.
 
     Raises `ValueError` where arrays do not fit together.
     """

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 
+from tvae.report.meanings import meaning
+
 _NORMAL_975 = 1.959963984540054
 
 
@@ -34,8 +36,9 @@ def measured(value: Any) -> Measured | None:
             return None
         case int() | float():
             return Measured(float(value))
-        case {"mean": int() | float() as mean, "ci95": [low, high], "seeds": seeds}:
-            return Measured(float(mean), (float(low), float(high)), f"{seeds} seeds")
+        case {"mean": int() | float() as mean, "ci95": [low, high], **more}:
+            basis = f"{more['seeds']} seeds" if "seeds" in more else ""
+            return Measured(float(mean), (float(low), float(high)), basis)
     return None
 
 
@@ -91,27 +94,56 @@ class MetricRow:
     value: str
     interval: str
     basis: str
+    meaning: str = ""
 
 
-def metric_rows(metrics: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[MetricRow]:
-    """Nested metrics line by line, in their order.
+def of_bots(metrics: Mapping[str, Any], path: Sequence[str]) -> Measured | None:
+    """The number at a path of `metrics.json` with its interval, which stands under `ci95`; None where there is none.
+
+    >>> metrics = {"success": {"attack": 0.9}, "ci95": {"success": {"attack": [0.8, 1.0]}}, "test_episodes": 50}
+    >>> of_bots(metrics, ("success", "attack"))
+    Measured(mean=0.9, interval=(0.8, 1.0), basis='50 episodes')
+    """
+    value, interval = _at(metrics, path), _at(metrics, ("ci95", *path))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isinstance(interval, Sequence):
+        return None
+    low, high = interval
+    episodes = metrics.get("test_episodes")
+    return Measured(float(value), (float(low), float(high)), f"{episodes:,} episodes" if episodes else "")
+
+
+def _at(metrics: Any, path: Sequence[str]) -> Any:
+    for part in path:
+        metrics = metrics.get(part) if isinstance(metrics, Mapping) else None
+    return metrics
+
+
+def metric_rows(metrics: Mapping[str, Any]) -> Iterator[MetricRow]:
+    """Nested metrics line by line, in their order; intervals of bots stand beside what they are of.
 
     >>> rows = metric_rows({"ari": 1.0, "success": {"all": {"mean": 0.97, "ci95": [0.95, 0.99], "seeds": 5}}})
     >>> [(" / ".join(row.path), row.value, row.interval) for row in rows]
     [('ari', '1', ''), ('success / all', '0.97', '0.95 to 0.99')]
     """
-    for name, value in metrics.items():
-        found = measured(value)
+    yield from _rows(metrics, {name: value for name, value in metrics.items() if name != "ci95"}, ())
+
+
+def _rows(metrics: Mapping[str, Any], part: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[MetricRow]:
+    """Those of a part of `metrics`, which stands below the path `above`."""
+    for name, value in part.items():
+        path = (*above, name)
+        found = of_bots(metrics, path) or measured(value)
         if found is not None and found.interval is not None:
             low, high = found.interval
-            yield MetricRow((*path, name), number(found.mean), f"{number(low)} to {number(high)}", found.basis)
+            interval = f"{number(low)} to {number(high)}"
+            yield MetricRow(path, number(found.mean), interval, found.basis, meaning(path, metrics))
         elif isinstance(value, Mapping):
-            yield from metric_rows(value, (*path, name))
+            yield from _rows(metrics, value, path)
         elif (
             isinstance(value, Sequence)
             and not isinstance(value, str)
-            and any(isinstance(part, Mapping) for part in value)
+            and any(isinstance(item, Mapping) for item in value)
         ):
-            yield from metric_rows({str(index): part for index, part in enumerate(value)}, (*path, name))
+            yield from _rows(metrics, {str(index): item for index, item in enumerate(value)}, path)
         else:
-            yield MetricRow((*path, name), number(value), "", "")
+            yield MetricRow(path, number(value), "", "", meaning(path, metrics))

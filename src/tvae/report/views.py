@@ -16,7 +16,7 @@ from tvae.figures.markup import to_markup
 from tvae.figures.trajectories import Draw
 from tvae.report.content import ReportContent, StyleSection
 from tvae.report.pictures import Entry, Sketches, glyph, in_proportion, latent_map, sketch, spread
-from tvae.report.tables import Measured, MetricRow, measured, metric_rows, number, percent, share
+from tvae.report.tables import Measured, MetricRow, measured, metric_rows, number, of_bots, percent, share
 from tvae.spaces import IntArray, describe
 
 _MOST_EPISODES = 300
@@ -149,9 +149,10 @@ def _title(style: StyleSection) -> str:
 def _success(content: ReportContent, style: StyleSection) -> Measured | None:
     given = content.metrics.get("success")
     if isinstance(given, Mapping):
-        found = measured(given.get(style.label)) or measured(given.get(style.name))
-        if found is not None:
-            return found
+        for name in (style.label, style.name):
+            found = of_bots(content.metrics, ("success", str(name))) or measured(given.get(name))
+            if found is not None:
+                return found
     if style.succeeded is None or len(style.succeeded) == 0:
         return None
     return share(int(style.succeeded.sum()), len(style.succeeded))
@@ -166,8 +167,13 @@ def _interval(found: Measured) -> str:
 
 def _tiles(content: ReportContent) -> tuple[Tile, ...]:
     count = len(content.styles)
-    tiles = [Tile(str(count), "playstyle found" if count == 1 else "playstyles found")]
-    ari = measured(content.metrics.get("ari"))
+    if content.verdict.startswith(NOT_DISTINGUISHABLE):
+        tiles = [Tile("0", "distinct playstyles", "all sessions count as one style below")]
+    else:
+        tiles = [Tile(str(count), "playstyle found" if count == 1 else "playstyles found")]
+    found_styles = content.metrics.get("playstyles")
+    labelled = found_styles if isinstance(found_styles, Mapping) else {}
+    ari = measured(content.metrics.get("ari", labelled.get("ari")))
     if ari is not None:
         detail = "adjusted Rand index; 1 is full agreement, 0 is chance"
         tiles.append(Tile(f"{ari.mean:.2f}", "agreement with the labels", detail))

@@ -23,6 +23,7 @@ from tvae.data.demonstrations import Demonstrations
 from tvae.data.identity import identity
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
+from tvae.model.arguments import counted
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
@@ -102,12 +103,14 @@ def train(
     for name, number in (
         ("num_steps", num_steps),
         ("batch_size", batch_size),
+        ("shortest_window", shortest_window),
         ("evaluate_every", evaluate_every),
         ("patience", patience),
         ("the number of held-out episodes", len(held_out)),
     ):
-        if number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
+        counted(name, number)
+    if not clip > 0:
+        raise ValueError(f"clip must be above 0, got {clip}")
     if not 0 <= state_weight < math.inf:
         raise ValueError(f"state_weight must be a number of at least 0, got {state_weight}")
     model.calibrate(demonstrations)
