@@ -32,4 +32,4 @@ def write_rows(path: Path, flat: NDArray[Any], starts: IntArray, counts: IntArra
         header = {"descr": dtype_to_descr(flat.dtype), "fortran_order": False, "shape": shape}
         write_array_header_1_0(file, header)
         for part in blocks(counts, _BLOCK_ROWS):
-            file.write(np.ascontiguousarray(flat[ranges(starts[part], counts[part])]))
+            file.write(np.ascontiguousarray(flat[ranges(starts[part], counts[part])]).data)
