@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import random
@@ -12,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -591,6 +593,30 @@ def test_a_path_is_printed_as_it_is(run: Path, tmp_path: Path, capsys: pytest.Ca
     said = "".join(capsys.readouterr().out.split())
     for name in ("n] 1/report.html", "labels.parquet", "imagined.csv", "bot.csv", "export/manifest.json"):
         assert f"{out}/{name}".replace(" ", "") in said, name
+
+
+def test_names_that_the_output_cannot_hold_are_shown_by_their_codes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = "episode,step,observation.体,action.a\n0,0,1.0,0.5\n0,1,2.0,0.5\n"
+    (tmp_path / "a.csv").write_text(rows, encoding="utf-8")
+    out = io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    monkeypatch.setattr(sys, "stdout", out)
+    call("data", "info", tmp_path / "a.csv")
+    out.flush()
+    assert "observation.\\u4f53" in out.buffer.getvalue().decode("cp1252")  # type: ignore[attr-defined]
+
+
+def test_a_report_needs_no_dates_that_only_some_systems_can_write(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class OfWindows(datetime):
+        def strftime(self, form: str) -> str:  # type: ignore[override]
+            if "%-" in form:
+                raise ValueError("Invalid format string")
+            return super().strftime(form)
+
+    monkeypatch.setattr("tvae.experiments.reporting.datetime", OfWindows)
+    call("report", run)
+    assert f"{datetime.now(UTC):%Y}" in (run / "report.html").read_text()
 
 
 def test_a_target_is_refused_before_the_work(

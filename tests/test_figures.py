@@ -319,6 +319,11 @@ class TestMarkup:
         assert any(style.startswith("fill:var(--ink") for style in styles)
         assert not [element for element in root.iter() if element.get("id")]
 
+    def test_what_matplotlib_has_no_font_for_is_left_to_the_page(self):
+        figure = new_figure(1, 1)
+        figure.text(0.5, 0.5, "体力", color=INK)
+        assert "体力" in to_markup(figure, "")
+
     def test_coordinates_are_points_from_the_top_left(self):
         figure = Figure((1, 1))
         axes = figure.add_axes((0, 0, 1, 1))

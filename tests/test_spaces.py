@@ -51,6 +51,7 @@ def test_categories_differ_and_are_there(categories: tuple[str, ...]) -> None:
     [
         ([np.nan, 0, 0, 0], "x", "needs a finite number, got nan"),
         ([0, np.inf, 0, 0], "heading", "needs a finite number, got inf"),
+        ([-1e300, 0, 0, 0], "x", "needs a number of at most 3.4e38 in size, got -1e+300"),
         ([0, 0, 2, 0], "move", "needs a category index from 0 to 1, got 2"),
         ([0, 0, 0.5, 0], "move", "needs a category index from 0 to 1, got 0.5"),
         ([0, 0, -1, 0], "move", "needs a category index from 0 to 1, got -1"),

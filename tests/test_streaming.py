@@ -60,6 +60,19 @@ def test_what_is_written_in_parts_is_the_same(tmp_path: Path, monkeypatch: pytes
     assert opened.observation_starts.tolist() == [0, 4, 6]
 
 
+def test_nothing_is_written_through_a_map_which_a_full_disk_ends_the_process_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = from_arrays([[0.5, 1.5], [2.5, 3.5]], [[0.5, 1.5], [2.5, 3.5]])
+    with monkeypatch.context() as patched:
+        patched.delattr(np, "memmap")
+        kept.write(tmp_path / "kept.tvae")
+    assert_same(Demonstrations.open(tmp_path / "kept.tvae"), kept)
+    np.save(tmp_path / "saved.npy", kept.observations)
+    written = (tmp_path / "kept.tvae/observations.npy").read_bytes()
+    assert written == (tmp_path / "saved.npy").read_bytes()
+
+
 def test_what_no_space_allows_is_not_written(tmp_path: Path) -> None:
     kept = from_arrays([[0.5, 1.5], [2.5, 3.5]], [[0.5, 1.5], [2.5, 3.5]])
     kept.actions[3] = np.nan

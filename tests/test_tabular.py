@@ -334,6 +334,10 @@ def test_episodes_need_their_own_name(tmp_path: Path) -> None:
         (HEADER + "3,0,0.5,1.0\n3,1,inf,1.0\n", "episode 3, step 1, column observation.x: needs a finite"),
         (HEADER + "3,0,0.5,-inf\n", "episode 3, step 0, column action.a: needs a finite number, got -inf"),
         (
+            HEADER + "3,0,0.5,1e308\n",
+            "episode 3, step 0, column action.a: needs a number of at most 3.4e38 in size, got 1e+308",
+        ),
+        (
             HEADER + "3,0,0.5,\n3,1,0.5,1.0\n",
             "episode 3, step 0, column action.*: is empty, which only the last",
         ),

@@ -89,6 +89,28 @@ def test_a_batch_of_no_given_size_is_one_of_the_suitable_size(walks: tuple[Demon
     assert not same(found[0], found[2])
 
 
+def test_a_batch_with_very_long_trajectories_is_gone_through_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    demonstrations = noise([9, 2, 30, 3, 2, 4, 8, 3], [True, False] * 4)
+    parts = demonstrations[:6], demonstrations[6:]
+    sizes: list[tuple[int, ...]] = []
+
+    def spy(model: TrajectoryVAE, batch: TrajectoryBatch, *, policy: Windows, state: Windows) -> Elbo:
+        if model.training:
+            sizes.append(tuple(batch.actions.shape[:2]))
+        return elbo(model, batch, policy=policy, state=state)
+
+    monkeypatch.setattr("tvae.train.loop.elbo", spy)
+    whole_batches = trained(untrained(parts[0], latent_features=0, window=None), parts, num_steps=3)[1]
+    assert set(sizes) == {(6, 30)}
+    sizes.clear()
+    monkeypatch.setattr("tvae.data.batches._MOST_PADDED_STEPS", 15)
+    in_parts = trained(untrained(parts[0], latent_features=0, window=None), parts, num_steps=3)[1]
+    assert sizes == [(3, 3), (1, 4), (1, 9), (1, 30)] * 3
+    for one, other in zip(whole_batches, in_parts, strict=True):
+        assert one.held_out.value(1.0) == pytest.approx(other.held_out.value(1.0), rel=1e-4)
+        assert one.training.value(1.0) == pytest.approx(other.training.value(1.0), rel=1e-4)
+
+
 def test_once_the_window_is_chosen_the_policy_is_trained_on_cut_windows_of_it(
     walks: tuple[Demonstrations, Demonstrations], monkeypatch: pytest.MonkeyPatch
 ) -> None:

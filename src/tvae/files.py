@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+
+from safetensors import SafetensorError
+from safetensors.torch import save_file
+from torch import Tensor
 
 
 @contextmanager
@@ -15,8 +19,9 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
 
     It may be a file or a directory. If the block raises, nothing is left behind and an older `path` stays.
 
-    Raises `FileExistsError` where `path` exists and `overwrite` is False, and where it is a directory and a file should
-    replace it, or the other way round: what lies in a directory is never lost to a file.
+    Raises `FileExistsError` where `path` exists and `overwrite` is False, also where another process made it in the
+    meantime, and where it is a directory and a file should replace it, or the other way round: what lies in a directory
+    is never lost to a file.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "numbers.txt"
@@ -25,8 +30,7 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     >>> target.read_text(), partial.exists()
     ('1 2 3', False)
     """
-    if path.exists() and not overwrite:
-        raise FileExistsError(f"{path} exists already")
+    _check_absent(path, overwrite=overwrite)
     if not path.name:
         raise FileExistsError(f"{path} is a directory; a name in it is needed")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -36,6 +40,7 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
         yield partial
         if partial.is_file():
             partial.chmod(_usual_mode())  # some writers make files that only their owner can read
+        _check_absent(path, overwrite=overwrite)
         if path.exists() and path.is_dir() != partial.is_dir():
             kinds = ("a directory", "a file") if path.is_dir() else ("a file", "a directory")
             raise FileExistsError(f"{path} is {kinds[0]}, and {kinds[1]} cannot take its place; choose another name")
@@ -49,6 +54,23 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
             partial.replace(path)
     finally:
         _remove(partial)
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str] | None = None) -> None:
+    """Write a safetensors file, whole or not at all; an older one is replaced.
+
+    Raises `OSError` where it cannot be written, as on a full disk.
+    """
+    with appearing(path, overwrite=True) as partial:
+        try:
+            save_file(dict(tensors), partial, None if metadata is None else dict(metadata))
+        except SafetensorError as error:
+            raise OSError(f"{path} cannot be written: {error}") from error
+
+
+def _check_absent(path: Path, *, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} exists already")
 
 
 def _usual_mode() -> int:

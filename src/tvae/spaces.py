@@ -4,7 +4,7 @@ A `Space` is an ordered list of signals, one per column of a raw row of numbers:
 
 | signal        | raw value in its column         | law a head gives it |
 |---------------|---------------------------------|---------------------|
-| `Continuous`  | any finite real                 | Gaussian            |
+| `Continuous`  | any real of at most 3.4e38      | Gaussian            |
 | `Angular`     | radians; -pi and pi are equal   | von Mises           |
 | `Categorical` | 0 .. K-1, index of its category | categorical         |
 | `Binary`      | 0 or 1                          | Bernoulli           |
@@ -92,6 +92,21 @@ def describe(signal: Signal) -> str:
     return kind_name(signal)
 
 
+def representable(values: FloatArray) -> NDArray[np.bool_]:
+    """Where numbers are finite in single precision, in which models compute.
+
+    >>> representable(np.array([3.4e38, 3.5e38, np.nan])).tolist()
+    [True, False, False]
+    """
+    with np.errstate(over="ignore"):
+        return np.isfinite(values.astype(np.float32))
+
+
+def wanted_number(value: float) -> str:
+    """What was needed instead of a number that is not `representable`, in words."""
+    return "a number of at most 3.4e38 in size" if math.isfinite(value) else "a finite number"
+
+
 @dataclass(frozen=True)
 class Problem:
     """A value that a space does not allow: where it stands and why."""
@@ -172,7 +187,7 @@ class Space:
 
         `rows` has shape (N, num_columns).
         """
-        bad = ~np.isfinite(rows)
+        bad = ~representable(rows)
         with np.errstate(invalid="ignore"):
             for column in self.binary:
                 bad[:, column] |= (rows[:, column] != 0) & (rows[:, column] != 1)
@@ -183,8 +198,8 @@ class Space:
             return None
         row, column = np.argwhere(bad)[0]
         value, signal = rows[row, column], self.signals[column]
-        if not math.isfinite(value):
-            message = f"needs a finite number, got {value}"
+        if not representable(rows[row])[column]:
+            message = f"needs {wanted_number(float(value))}, got {value}"
         elif isinstance(signal, Binary):
             message = f"is binary and needs 0 or 1, got {value:g}"
         else:

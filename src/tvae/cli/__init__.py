@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -145,6 +146,8 @@ def _read(config: Path) -> Yaml | Json | Toml:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; what the user can mend is said in one line, with exit status 2."""
     os.environ.setdefault("GOMP_SPINCOUNT", "2000")  # threads that wait must not slow other processes down
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # no name in the data stops a run, as in a file on Windows
     try:
         app.meta(arguments)
     except (TvaeError, gymnasium.error.Error, OSError) as error:

@@ -103,8 +103,26 @@ def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntAr
     >>> [group.tolist() for group in ordered_batches(walks, 64)]
     [[2, 0], [1, 4], [3]]
     """
-    order = np.argsort(demonstrations.lengths, kind="stable")
-    lengths, start = demonstrations.lengths[order], 0
+    yield from _parts(demonstrations.lengths, size)
+
+
+def within_memory(demonstrations: Demonstrations, episodes: IntArray) -> list[IntArray]:
+    """These episodes, shortest first, in parts as of `ordered_batches`: a few very long ones among many that are short,
+    padded to one length, would need as much memory as if all were long.
+
+    >>> from tvae.data.arrays import from_arrays
+    >>> lengths = (30_000, 3, 2, 30_000)
+    >>> walks = from_arrays([np.zeros(length) for length in lengths], [np.zeros(length) for length in lengths])
+    >>> [part.tolist() for part in within_memory(walks, np.array([0, 1, 2]))]
+    [[2, 1], [0]]
+    """
+    return [episodes[part] for part in _parts(demonstrations.lengths[episodes], len(episodes))]
+
+
+def _parts(lengths: IntArray, size: int) -> Iterator[IntArray]:
+    """Positions of lengths (E,), smallest first, in groups whose padded steps fit in memory."""
+    order = np.argsort(lengths, kind="stable")
+    lengths, start = lengths[order], 0
     while start < len(order):
         padded = lengths[start : start + size] * np.arange(1, len(lengths[start : start + size]) + 1)
         end = start + max(1, int(np.count_nonzero(padded <= _MOST_PADDED_STEPS)))

@@ -16,7 +16,17 @@ from tvae.data.table_index import TableIndex
 from tvae.data.table_schema import ACTION, OBSERVATION, TableSchema
 from tvae.data.table_times import missing_issue
 from tvae.data.texts import as_numbers, no_numbers, some_of
-from tvae.spaces import Angular, Binary, Categorical, Continuous, FloatArray, Signal, Space
+from tvae.spaces import (
+    Angular,
+    Binary,
+    Categorical,
+    Continuous,
+    FloatArray,
+    Signal,
+    Space,
+    representable,
+    wanted_number,
+)
 
 _STRAY = (
     "is no number, got {}, but most values are: say which texts are missing values, or that the column is categorical"
@@ -155,8 +165,8 @@ def _value_issues(
         bad = ~np.isnan(raw) & (raw != 0) & (raw != 1)
         wanted = "0 or 1"
     else:
-        bad = np.isinf(raw)
-        wanted = "a finite number"
+        bad = ~np.isnan(raw) & ~representable(raw)
+        wanted = wanted_number(float(raw[bad.argmax()]))
     if not bad.any():
         return []
     return index.issue(bad, column, f"needs {wanted}, got {values[int(bad.argmax())].as_py()!r}")

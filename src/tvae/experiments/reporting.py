@@ -40,7 +40,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
     table = _styles(run, len(demonstrations))
     means = [table[name].to_numpy() for name in table.column_names if name.startswith("z_")]
     scales = Scales.of(demonstrations)
-    metrics = findings.shown(_metrics(run))
+    metrics, now = findings.shown(_metrics(run)), datetime.now(UTC)
     content = ReportContent(
         title=_name_of_data(run, about),
         run=run.path.resolve().name,
@@ -55,7 +55,7 @@ def write_report(run: RunDirectory, demonstrations: Demonstrations) -> None:
         ),
         command=shlex.join(["tvae", *about.command[1:]]),
         version=tvae.__version__,
-        created=datetime.now(UTC).strftime("%-d %B %Y, %H:%M UTC"),
+        created=f"{now.day} {now:%B %Y, %H:%M} UTC",
         warnings=tuple(metrics.get("warnings", ())),
         metrics={name: value for name, value in metrics.items() if name != "warnings"},
         records=history(run),

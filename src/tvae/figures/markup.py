@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import io
+import warnings
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -50,8 +51,10 @@ def to_markup(figure: Figure, label: str, only: Sequence[Artist] | None = None) 
     figure.patch.set_visible(False)
     width, height = (float(size) for size in figure.bbox.size)
     renderer = _Renderer(width, height)
-    for artist in [figure] if only is None else sorted(only, key=Artist.get_zorder):
-        artist.draw(renderer)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)  # the page's fonts may have it
+        for artist in [figure] if only is None else sorted(only, key=Artist.get_zorder):
+            artist.draw(renderer)
     shapes = "".join(renderer.shapes)
     role = f'role="img" aria-label="{escape(label)}"' if label else 'aria-hidden="true"'
     return f'<svg viewBox="0 0 {width:g} {height:g}" {role}>{shapes}</svg>'

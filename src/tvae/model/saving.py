@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import nn
 
 from tvae.errors import ModelError
-from tvae.files import appearing
+from tvae.files import appearing, write_tensors
 from tvae.hub import CARD, upload
 from tvae.model.schema import read_description
 from tvae.pretrained import pretrained_directory
@@ -42,8 +42,7 @@ class Saved(nn.Module, ABC):
 
     def save_weights(self, path: Path) -> None:
         """Write the weights as safetensors, whole or not at all."""
-        with appearing(path, overwrite=True) as partial:
-            save_file({name: tensor.contiguous() for name, tensor in self.state_dict().items()}, partial)
+        write_tensors(path, {name: tensor.contiguous() for name, tensor in self.state_dict().items()})
 
     @classmethod
     def load(cls: type[M], directory: str | Path) -> M:

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from tvae.errors import TvaeError
-from tvae.files import appearing
+from tvae.files import write_tensors
 
 SCHEMA_VERSION = 3
 
@@ -83,7 +82,8 @@ def write_checkpoint(
 ) -> None:
     """Write to a temporary name beside `path`, then rename, so that a kill leaves the old file or the new one.
 
-    `settings` are those of the training, kept as text; a resumed one must share them.
+    `settings` are those of the training, kept as text; a resumed one must share them. Raises `OSError` where nothing
+    can be written, as on a full disk.
     """
     tensors = {f"model.{name}": tensor for name, tensor in model.state_dict().items()}
     tensors |= {f"best.{name}": tensor for name, tensor in best.items()}
@@ -96,8 +96,7 @@ def write_checkpoint(
         "settings": json.dumps({name: str(value) for name, value in settings.items()}),
         "progress": json.dumps(asdict(progress)),
     }
-    with appearing(path, overwrite=True) as partial:
-        save_file(whole, partial, metadata)
+    write_tensors(path, whole, metadata)
 
 
 def read_checkpoint(

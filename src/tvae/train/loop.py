@@ -18,6 +18,7 @@ from tvae.data.batches import (
     evenly,
     ordered_batches,
     suitable_batch_size,
+    within_memory,
 )
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.identity import identity
@@ -72,7 +73,9 @@ def train(
         -(policy + state_weight state + ahead + stop - beta KL) / (mean length),
 
     its learning rate falling to nothing along half a cosine. The gradient of the encoder, the prior and each decoder is
-    clipped to the norm `clip` on its own, so that a sharp term cannot drown another.
+    clipped to the norm `clip` on its own, so that a sharp term cannot drown another. A batch of more than 65,536 steps,
+    padding included, is gone through in parts whose gradients add up, so that memory suffices; penalties are then those
+    of the parts.
 
     Of a model that is trained on windows, the window of the policy is chosen at the evaluation that follows 60 % of
     the steps (`tvae.train.memory`), and is at least `shortest_window`. Until then the policy is trained on windows of
@@ -215,16 +218,21 @@ class _Steps:
             beta = self.schedule.weight(step / self.num_steps, kl, beta)
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate * 0.5 * (1 + math.cos(math.pi * step / self.num_steps))
-            batch = batch_of(self.demonstrations, self.sampler.episodes(step), model.device)
-            policy = _any_of(self.windows, batch) if step < self.chosen else cut_anywhere(batch, model.bot_window)
-            terms = elbo(model, batch, policy=policy, state=cut_anywhere(batch, model.window))
-            value = terms.value(beta, self.state_weight)
-            for penalty in self.penalties:
-                value = value - penalty(model, batch, terms.posterior, terms.z)
+            episodes = self.sampler.episodes(step)
             self.optimizer.zero_grad()
-            (-per_step * value.mean()).backward()
+            found, shares = [], []
+            for part in within_memory(self.demonstrations, episodes):
+                batch = batch_of(self.demonstrations, part, model.device)
+                policy = _any_of(self.windows, batch) if step < self.chosen else cut_anywhere(batch, model.bot_window)
+                terms = elbo(model, batch, policy=policy, state=cut_anywhere(batch, model.window))
+                value = terms.value(beta, self.state_weight)
+                for penalty in self.penalties:
+                    value = value - penalty(model, batch, terms.posterior, terms.z)
+                found.append(_mean(terms))
+                shares.append(len(part) / len(episodes))
+                (-per_step * shares[-1] * value.mean()).backward()
             norms = [nn.utils.clip_grad_norm_(learnt, self.clip) for learnt in parts]
-            history.append(_mean(terms))
+            history.append(_average(found, shares))
             if not torch.stack(norms).isfinite().all():
                 raise TrainingError(
                     f"step {step + 1}: the gradient is not finite; the bound's terms are {history[-1]}. "
@@ -273,8 +281,10 @@ def _mean(terms: Elbo) -> Terms:
     return Terms(*means)
 
 
-def _average(terms: list[Terms]) -> Terms:
-    return Terms(*np.mean([(t.policy, t.state, t.stop, t.kl, t.ahead) for t in terms], axis=0).tolist())
+def _average(terms: Sequence[Terms], shares: Sequence[float] | None = None) -> Terms:
+    """Their mean, each weighed by its share if these are given."""
+    numbers = [(t.policy, t.state, t.stop, t.kl, t.ahead) for t in terms]
+    return Terms(*np.average(numbers, axis=0, weights=shares).tolist())
 
 
 def _finite(held_out: Terms, step: int) -> Terms:
