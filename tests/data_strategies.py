@@ -21,6 +21,8 @@ texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=
 names = st.text(string.ascii_letters + string.digits + "._/- äß%", min_size=1, max_size=5)
 integers = st.integers(-(2**53), 2**53)
 floats = st.floats(allow_nan=False, allow_infinity=False)
+singles = st.floats(-3.4e38, 3.4e38)
+"""Of signals, with which models compute in single precision."""
 
 
 @st.composite
@@ -56,7 +58,7 @@ def rows(draw: st.DrawFn, space: Space, count: int) -> np.ndarray:
     def values(signal: Signal) -> st.SearchStrategy:
         match signal:
             case Continuous():
-                return floats
+                return singles
             case Angular():
                 return st.one_of(st.floats(-np.pi, np.pi), st.floats(-10, 10))
             case Binary():

@@ -13,6 +13,7 @@ from toys import ACTIONS, OBSERVATIONS, noise, untrained
 from tvae.data.batches import batch_of
 from tvae.errors import ModelError
 from tvae.model.elbo import log_likelihood
+from tvae.model.saving import write_tensors
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import whole
 
@@ -243,3 +244,18 @@ def test_an_interrupted_save_leaves_the_old_model(saved: Path, monkeypatch: pyte
         untrained(noise([4, 7, 5]), seed=1).save(saved)
     after = TrajectoryVAE.load(saved).state_dict()
     assert all(torch.equal(before[name], after[name]) for name in before)
+
+
+def test_weights_that_cannot_be_written_are_an_error_of_the_system(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "model.safetensors"
+    write_tensors(path, {"weight": torch.ones(2)})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"model\.safetensors cannot be written: "):
+            write_tensors(path, {"weight": torch.ones(10_000)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert load_file(path)["weight"].tolist() == [1, 1]
+    assert [found.name for found in tmp_path.iterdir()] == ["model.safetensors"]

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-from safetensors import SafetensorError
-from safetensors.torch import save_file
-from torch import Tensor
 
 
 @contextmanager
@@ -54,18 +50,6 @@ def appearing(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
             partial.replace(path)
     finally:
         _remove(partial)
-
-
-def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str] | None = None) -> None:
-    """Write a safetensors file, whole or not at all; an older one is replaced.
-
-    Raises `OSError` where it cannot be written, as on a full disk.
-    """
-    with appearing(path, overwrite=True) as partial:
-        try:
-            save_file(dict(tensors), partial, None if metadata is None else dict(metadata))
-        except SafetensorError as error:
-            raise OSError(f"{path} cannot be written: {error}") from error
 
 
 def _check_absent(path: Path, *, overwrite: bool) -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from safetensors import SafetensorError
-from safetensors.torch import load_file
-from torch import nn
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
 
 from tvae.errors import ModelError
-from tvae.files import appearing, write_tensors
+from tvae.files import appearing
 from tvae.hub import CARD, upload
 from tvae.model.schema import read_description
 from tvae.pretrained import pretrained_directory
@@ -106,3 +107,15 @@ class Saved(nn.Module, ABC):
             if card is not None:
                 (Path(directory) / CARD).write_text(card, encoding="utf-8")
             return upload(Path(directory), repo_id, private=private, message="A Trajectory VAE")
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str] | None = None) -> None:
+    """Write a safetensors file, whole or not at all; an older one is replaced.
+
+    Raises `OSError` where it cannot be written, as on a full disk.
+    """
+    with appearing(path, overwrite=True) as partial:
+        try:
+            save_file(dict(tensors), partial, None if metadata is None else dict(metadata))
+        except SafetensorError as error:
+            raise OSError(f"{path} cannot be written: {error}") from error

@@ -12,7 +12,7 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
 from tvae.errors import TvaeError
-from tvae.files import write_tensors
+from tvae.model.saving import write_tensors
 
 SCHEMA_VERSION = 3
 
