@@ -34,6 +34,8 @@ _OTHERS = {
     "test_environment": "where the bots played",
     "test_episodes": "how many episodes each bot played",
     "playstyles.shares": "share of the sessions",
+    "leakage.start_r2_from_mean": "as start_r2, from the mean of z instead of a sample, which is what a bot gets",
+    "leakage.start_nats_from_mean": "as start_nats, from the mean of z",
     "nats_per_trajectory.held_out.ahead": "log-likelihood of its states further ahead, of a model with a horizon",
     "nats_per_trajectory.training": "as for a held-out episode, of those that were learnt from",
 }
