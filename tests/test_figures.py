@@ -30,7 +30,8 @@ from tvae.figures.palette import ALERT, INK, STYLE_COLOURS, style_colour, style_
 from tvae.figures.trajectories import draw_path, draw_trajectory, grid, planes, share_limits
 from tvae.figures.zombie import draw_zombie, zombie_paths
 from tvae.spaces import Angular, Binary, Categorical, Continuous, Space
-from tvae.train.checkpoint import Record, Terms
+from tvae.train.checkpoint import Record
+from tvae.train.terms import Terms
 
 PLACE = Space((Continuous("x"), Continuous("y")))
 BUTTON = Space((Binary("jump"),))

@@ -28,13 +28,14 @@ from tvae.generate.open_loop import imagine
 from tvae.model.decoding import most_likely
 from tvae.model.latent import GaussianMixture, StandardNormal
 from tvae.model.tvae import TrajectoryVAE
-from tvae.train.checkpoint import CheckpointError, Terms
+from tvae.train.checkpoint import CheckpointError
 from tvae.train.diagnosis import TrainingWarning
 from tvae.train.independence import centred, kernel, start_nats
 from tvae.train.loop import train
 from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart, with_swapped_starts
 from tvae.train.schedules import Budget, Constant, Piecewise
+from tvae.train.terms import Terms
 
 CPU = torch.device("cpu")
 QUICK = {"num_steps": 12, "batch_size": 8, "evaluate_every": 4, "learning_rate": 5e-3}

@@ -22,7 +22,8 @@ from tvae.report.page import render, write
 from tvae.report.pictures import in_proportion, spread
 from tvae.report.tables import Measured, measured, metric_rows, share
 from tvae.spaces import Binary, Continuous, Space
-from tvae.train.checkpoint import Record, Terms
+from tvae.train.checkpoint import Record
+from tvae.train.terms import Terms
 
 HOSTILE = '</script><script>alert("1")</script><img src=x onerror=alert(1)>'
 VOID = {"meta", "link", "br", "img", "hr", "input"}

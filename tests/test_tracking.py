@@ -19,7 +19,8 @@ from tvae.experiments.progress import scalars
 from tvae.experiments.run_directory import RunDirectory
 from tvae.experiments.source import Source
 from tvae.experiments.tracking import Tracker, TrackerError, trackio, wandb
-from tvae.train.checkpoint import Record, Terms
+from tvae.train.checkpoint import Record
+from tvae.train.terms import Terms
 
 
 class FakeService(ModuleType):

@@ -28,11 +28,12 @@ from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut, whole
 from tvae.spaces import Continuous, Space
-from tvae.train.checkpoint import CheckpointError, Progress, Record, Terms
+from tvae.train.checkpoint import CheckpointError, Progress, Record
 from tvae.train.diagnosis import TrainingWarning, diagnose, ending
 from tvae.train.loop import TrainingError, evaluate, train
 from tvae.train.observer import Observer
 from tvae.train.schedules import RAISED, Budget, Constant, KLSchedule, Piecewise
+from tvae.train.terms import Terms
 
 QUICK = {"num_steps": 60, "batch_size": 8, "evaluate_every": 10, "learning_rate": 5e-3}
 

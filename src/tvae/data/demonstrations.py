@@ -61,9 +61,8 @@ class Demonstrations(Sequence[Trajectory]):
     """Facts about episodes: (E,) each."""
 
     def __repr__(self) -> str:
-        parts = {"observations": self.observation_space.names, "actions": self.action_space.names}
-        parts |= {"attributes": tuple(self.attributes)} if self.attributes else {}
-        listed = (f"{what}: {', '.join(names[:8])}{', ...' if names[8:] else ''}" for what, names in parts.items())
+        parts = zip(("observations", "actions"), (self.observation_space.names, self.action_space.names), strict=True)
+        listed = (f"{what}: {', '.join(names[:8])}{', ...' if names[8:] else ''}" for what, names in parts)
         return f"<Demonstrations: {len(self):,} episodes, {self.num_steps:,} steps; {'; '.join(listed)}>"
 
     def __len__(self) -> int:

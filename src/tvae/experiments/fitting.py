@@ -27,12 +27,13 @@ from tvae.fitting.fit import new_model
 from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import policy_windows
-from tvae.train.checkpoint import Record, Terms
+from tvae.train.checkpoint import Record
 from tvae.train.diagnosis import TrainingWarning
 from tvae.train.loop import MOST_JUDGED_STEPS, evaluate, train
 from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty, StartIndependence, SwappedStart
 from tvae.train.schedules import Budget, KLSchedule, Piecewise
+from tvae.train.terms import Terms
 
 
 @dataclass(frozen=True)

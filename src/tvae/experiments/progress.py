@@ -13,9 +13,10 @@ from torch.utils.tensorboard import SummaryWriter
 
 from tvae.config import RunConfig
 from tvae.train import checkpoint
-from tvae.train.checkpoint import Record, Terms
+from tvae.train.checkpoint import Record
 from tvae.train.diagnosis import ending
 from tvae.train.observer import Observer
+from tvae.train.terms import Terms
 
 
 @contextmanager

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from tvae.figures.canvas import SMALL_TEXT_SIZE, TEXT_SIZE, new_figure, plain_axes
 from tvae.figures.palette import INK, MUTED, STYLE_COLOURS
 from tvae.spaces import FloatArray
-from tvae.train.checkpoint import Record, Terms
+from tvae.train.checkpoint import Record
+from tvae.train.terms import Terms
 
 _TERMS: tuple[tuple[str, Callable[[Terms], float]], ...] = (
     ("Policy: log-likelihood of actions", lambda terms: terms.policy),

@@ -13,28 +13,13 @@ from torch import Tensor, nn
 
 from tvae.errors import TvaeError
 from tvae.model.saving import write_tensors
+from tvae.train.terms import Terms
 
 SCHEMA_VERSION = 3
 
 
 class CheckpointError(TvaeError):
     """A checkpoint that cannot be used; the message says why."""
-
-
-@dataclass(frozen=True)
-class Terms:
-    """Means over trajectories of the bound's terms, in nats per trajectory."""
-
-    policy: float
-    state: float
-    stop: float
-    kl: float
-    ahead: float = 0.0
-    """0 for a horizon of 1"""
-
-    def value(self, beta: float, state_weight: float = 1.0) -> float:
-        """The bound with the divergence weighted by `beta` and the state term by `state_weight`."""
-        return self.policy + state_weight * self.state + self.ahead + self.stop - beta * self.kl
 
 
 @dataclass(frozen=True)

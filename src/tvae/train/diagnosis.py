@@ -27,7 +27,7 @@ class TrainingWarning(UserWarning):
 def ending(progress: Progress, num_steps: int) -> str:
     """In one line, where a training ended and which weights are kept; empty where it ended as was to be expected.
 
-    >>> from tvae.train.checkpoint import Terms
+    >>> from tvae.train.terms import Terms
     >>> nothing = Terms(0.0, 0.0, 0.0, 0.0)
     >>> records = tuple(Record(step, 1.0, nothing, nothing) for step in (0, 2400, 3400))
     >>> ending(Progress(3400, 1.0, 0.0, 2400, 10, True, records), num_steps=4000)

@@ -25,16 +25,17 @@ from tvae.data.identity import identity
 from tvae.device import reseed, seeded
 from tvae.errors import TvaeError
 from tvae.model.arguments import counted
-from tvae.model.elbo import Elbo, elbo
+from tvae.model.elbo import elbo
 from tvae.model.inference import inferring, learning
 from tvae.model.tvae import TrajectoryVAE
 from tvae.model.windows import Windows, cut_anywhere
-from tvae.train.checkpoint import Progress, Record, Terms, copy_of_weights, read_checkpoint, write_checkpoint
+from tvae.train.checkpoint import Progress, Record, copy_of_weights, read_checkpoint, write_checkpoint
 from tvae.train.diagnosis import diagnose
 from tvae.train.memory import candidates, shortest_sufficient_window
 from tvae.train.observer import Observer
 from tvae.train.penalties import Penalty
 from tvae.train.schedules import KLSchedule
+from tvae.train.terms import Terms
 
 MOST_JUDGED_STEPS = 100_000
 """Held-out steps by which weights are judged; of more, evenly spaced episodes."""
@@ -86,12 +87,11 @@ def train(
     Each of `penalties` (`tvae.train.penalties`) is taken off the bound of a step. None counts where weights are judged.
 
     Every `evaluate_every` steps the bound is evaluated on `held_out`; of more than 100,000 steps, on evenly spaced
-    episodes. After `schedule` has settled and the window is
-    chosen, the weights with the best one are kept (two are compared with the present weight of the KL term), and
-    training ends early when `patience` evaluations have not improved on it. The state term has the weight
-    `state_weight` there too. With 0, z and the policy are learnt as if next states were not told; what is told h steps
-    ahead, of a model with a horizon, counts all the same. Without that, the state decoder stays as it was but for what
-    the stop term, if the model has one, teaches its trunk.
+    episodes. After `schedule` has settled and the window is chosen, the weights with the best one are kept (two are
+    compared with the present weight of the KL term), and training ends early when `patience` evaluations have not
+    improved on it. The state term has the weight `state_weight` there too. With 0, z and the policy are learnt as if
+    next states were not told; what is told h steps ahead, of a model with a horizon, counts all the same. Without that,
+    the state decoder stays as it was but for what the stop term, if the model has one, teaches its trunk.
 
     The randomness of a step depends on `seed` and the step alone: with `checkpoint`, a file that is written at
     each evaluation and read if it is there, a killed training ends in the same weights on a CPU.
@@ -171,7 +171,7 @@ def train(
                     model, held_out, shortest=shortest_window, seed=seed
                 )
             held = _finite(evaluate(model, judging, batch_size=batch_size, seed=seed), end)
-            record = Record(end, beta, _average(terms), held)
+            record = Record(end, beta, Terms.average(terms), held)
             judged = _judge(progress, record, terms[-1].kl, choosable, state_weight)
             if judged.best_step == end:
                 best = copy_of_weights(model)
@@ -228,11 +228,11 @@ class _Steps:
                 value = terms.value(beta, self.state_weight)
                 for penalty in self.penalties:
                     value = value - penalty(model, batch, terms.posterior, terms.z)
-                found.append(_mean(terms))
+                found.append(Terms.of(terms))
                 shares.append(len(part) / len(episodes))
                 (-per_step * shares[-1] * value.mean()).backward()
             norms = [nn.utils.clip_grad_norm_(learnt, self.clip) for learnt in parts]
-            history.append(_average(found, shares))
+            history.append(Terms.average(found, shares))
             if not torch.stack(norms).isfinite().all():
                 raise TrainingError(
                     f"step {step + 1}: the gradient is not finite; the bound's terms are {history[-1]}. "
@@ -272,19 +272,8 @@ def evaluate(
         for episodes in ordered_batches(demonstrations, batch_size):
             batch = batch_of(demonstrations, episodes, model.device)
             windows = {"policy": seen(model, batch), "state": cut_anywhere(batch, model.window)}
-            weighted.extend([_mean(elbo(model, batch, **windows))] * len(episodes))
-    return _average(weighted)
-
-
-def _mean(terms: Elbo) -> Terms:
-    means = torch.stack([terms.policy, terms.state, terms.stop, terms.kl, terms.ahead]).mean(1).tolist()
-    return Terms(*means)
-
-
-def _average(terms: Sequence[Terms], shares: Sequence[float] | None = None) -> Terms:
-    """Their mean, each weighed by its share if these are given."""
-    numbers = [(t.policy, t.state, t.stop, t.kl, t.ahead) for t in terms]
-    return Terms(*np.average(numbers, axis=0, weights=shares).tolist())
+            weighted.extend([Terms.of(elbo(model, batch, **windows))] * len(episodes))
+    return Terms.average(weighted)
 
 
 def _finite(held_out: Terms, step: int) -> Terms:

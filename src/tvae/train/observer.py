@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tvae.train.checkpoint import Progress, Record, Terms
+from tvae.train.checkpoint import Progress, Record
+from tvae.train.terms import Terms
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ class Entry:
     needs: tuple[Need, ...] = ()
     tasks: tuple[str, ...] = tuple(TASKS)
     learns: bool = True
+    """Whether there is anything that a shorter training would learn less of."""
 
 
 _AS_OURS: Mapping[str, Mapping[str, int]] = {

@@ -204,7 +204,7 @@ def _not_run(task: str, methods: Container[str]) -> list[str]:
 
 
 def _how_soon(
-    task: str, methods: Mapping[str, Sequence[Mapping[str, Any]]], summaries: Mapping[str, Mapping[str, Any]]
+    task: str, methods: Mapping[str, Sequence[Mapping[str, Any]]], found_of: Mapping[str, Mapping[str, Any]]
 ) -> list[str]:
     """What comes of shorter trainings, of the methods and seeds that have them all."""
     rows = []
@@ -220,7 +220,7 @@ def _how_soon(
         ]
         whole = f"{found['train_seconds']['1']['mean']:,.0f}"
         told = ", ".join(str(run["cell"]["seed"]) for run in seeds)
-        rows.append(f"| {title(method, summaries[method])} | {told} | {' | '.join((*shares, *enough, whole))} |")
+        rows.append(f"| {title(method, found_of[method])} | {told} | {' | '.join((*shares, *enough, whole))} |")
     if not rows:
         return []
     return [
