@@ -52,20 +52,20 @@ class Lesson:
     most_steps: int | None = None
     """Gradient steps beyond which no method goes; None leaves each its own budget."""
     one_in: int = 1
-    """Of its own gradient steps a method takes one in so many."""
+    """Of the gradient steps that it would take a method takes one in so many."""
     steps: StepCounter = field(default_factory=StepCounter)
     """Environment steps taken so far."""
 
     def limited(self, num_steps: int) -> int:
-        """A method's own number of gradient steps or the part of it that is asked for, at most those allowed.
+        """The part that is asked for of a method's own number of gradient steps, or of the most that are allowed.
 
         >>> from tvae.envs.zombie import zombie_demonstrations
         >>> world = World(lambda count: None, {}, lambda label, count, seed: None)
         >>> Lesson(zombie_demonstrations(2), world, one_in=4).limited(2_000)
         500
         """
-        own = max(1, num_steps // self.one_in)
-        return own if self.most_steps is None else min(own, self.most_steps)
+        whole = num_steps if self.most_steps is None else min(num_steps, self.most_steps)
+        return max(1, whole // self.one_in)
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -73,9 +73,10 @@ class Ours:
 
     def _trained(self, lesson: Lesson) -> tuple[Subject, int]:
         """The model and its styles, and the gradient steps taken, of the bound and of the policy alone."""
-        config = replace(_shortened(self.config, lesson.one_in), seed=lesson.seed)
+        config = replace(self.config, seed=lesson.seed)
         if lesson.most_steps is not None:  # of which the policy alone takes as many as the bound
             config = Effort(max(1, lesson.most_steps // 2)).config(config, lesson.seed)
+        config = _shortened(config, lesson.one_in)
         with tempfile.TemporaryDirectory() as scratch:
             checkpoint = Path(scratch) / "checkpoint.safetensors"
             model, records = trained(
