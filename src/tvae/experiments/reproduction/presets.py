@@ -86,8 +86,14 @@ def _swapped(config: RunConfig) -> RunConfig:
     return replace(config, training=replace(config.training, swapped_start=1.0))
 
 
-FEWER: Mapping[str, int] = {"demonstrations_100": 100, "demonstrations_300": 300, "demonstrations_1000": 1000}
-"""Presets of the zombie task that are our default with fewer demonstrations than 2,000."""
+OTHER_NUMBERS: Mapping[str, int] = {
+    "demonstrations_100": 100,
+    "demonstrations_300": 300,
+    "demonstrations_1000": 1000,
+    "demonstrations_5000": 5000,
+    "default_300": 300,
+}
+"""Presets of the zombie task that learn from another number of demonstrations than 2,000: `bound`, and our default."""
 
 ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
     "navigation": {"bound": replace(_NAVIGATION, policy=BOUND_ALONE)},
@@ -112,7 +118,8 @@ ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
         "plain_budget": _budgeted(_PLAIN),
         "plain_independence": _independent(_PLAIN),
         "plain_swapped": _swapped(_PLAIN),
-        **dict.fromkeys(FEWER, _BOUND),
+        **dict.fromkeys(OTHER_NUMBERS, _BOUND),
+        "default_300": _DEFAULT,
     },
 }
 """`bound`, and with it one thing changed at a time (figure 8 shows `whole_episodes` too); the term of the end goes with
