@@ -681,7 +681,7 @@ def test_a_run_goes_on_as_it_was_configured(
     env = ["--env", "tvae/ZombieAttack-v0", "--episodes", "12"]
     call(*resumed)
     call(*resumed, "--data", table, "--seed", "3", *SMALL, *env)
-    call(*resumed, "--training.num-steps", "2200")  # as by default, which may not have been said
+    call(*resumed, "--model.hidden-features", "64")  # as by default, which may not have been said
     call("demo", "--resume", "--out", run, "--seed", "3")
     assert len(going) == 4
     for options, words in (

@@ -23,6 +23,7 @@ from tvae.evaluate.leakage import leakage
 from tvae.evaluate.over_seeds import band, over_seeds
 from tvae.evaluate.paths import apart, to_nearest
 from tvae.evaluate.playstyles import find_playstyles
+from tvae.experiments.fitting import amounts_of, split
 from tvae.experiments.reproduction import circle, navigation, zombie
 from tvae.experiments.reproduction import reproduce as module
 from tvae.experiments.reproduction.cells import Cell, CellError, Effort
@@ -82,10 +83,19 @@ def test_the_papers_reading_is_a_plain_lstm_and_the_evidence_lower_bound(task: s
 @pytest.mark.parametrize("task", ["navigation", "circle", "zombie"])
 def test_the_bound_alone_is_our_default_but_for_how_long_it_trains(task: str):
     default, bound = PRESETS[task]["default"], ABLATIONS[task]["bound"]
-    assert bound.policy_steps == 0
+    assert bound.policy.num_steps == 0
     assert replace(bound, training=default.training, policy=default.policy) == default
     assert replace(bound.training, num_steps=default.training.num_steps) == default.training
-    assert default.training.num_steps <= bound.training.num_steps < default.training.num_steps + default.policy_steps
+    both = amounts_of(default, STUDIES[task].demonstrations(0))
+    assert bound.training.num_steps is not None
+    assert both.num_steps <= bound.training.num_steps < both.num_steps + both.policy_steps
+
+
+@pytest.mark.parametrize(("task", "num_steps"), [("circle", 2_200), ("zombie", 2_200), ("navigation", 6_000)])
+def test_our_default_takes_as_many_steps_as_the_pages_say(task: str, num_steps: int):
+    demonstrations = STUDIES[task].demonstrations(0)
+    training, _ = split(demonstrations, PRESETS[task]["default"])
+    assert amounts_of(PRESETS[task]["default"], training).num_steps == num_steps
 
 
 def test_each_ablation_changes_one_thing_of_the_bound():

@@ -23,6 +23,7 @@ from tvae.data.batches import TrajectoryBatch, batch_of, suitable_batch_size
 from tvae.data.demonstrations import Demonstrations
 from tvae.envs.zombie import zombie_demonstrations
 from tvae.experiments.progress import together, watching
+from tvae.fitting.amounts import Amounts
 from tvae.fitting.fit import fit, new_model
 from tvae.model.elbo import Elbo, elbo
 from tvae.model.tvae import TrajectoryVAE
@@ -88,6 +89,36 @@ def test_a_batch_of_no_given_size_is_one_of_the_suitable_size(walks: tuple[Demon
     ]
     assert same(found[0], found[1])
     assert not same(found[0], found[2])
+
+
+@pytest.mark.parametrize(
+    ("num_episodes", "length", "amounts"),
+    [
+        (3, 10, Amounts(64, 2_200, 2_200)),
+        (1_350, 100, Amounts(32, 2_531, 2_500)),
+        (100_000, 50, Amounts(64, 6_000, 2_500)),
+        (120, 20_000, Amounts(3, 2_400, 2_400)),
+    ],
+)
+def test_more_demonstrations_are_trained_on_for_longer(num_episodes: int, length: int, amounts: Amounts) -> None:
+    """60 passes over them, within bounds; as many steps of the policy alone, within a bound."""
+    lengths = np.full(num_episodes, length)
+    assert Amounts.of(lengths, batch_size=None, num_steps=None, policy_steps=None) == amounts
+    asked = {"batch_size": 5, "num_steps": 7, "policy_steps": 0}
+    assert vars(Amounts.of(lengths, **asked)) == asked
+
+
+def test_fit_trains_for_as_long_as_its_training_demonstrations_suggest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tvae.data.batches._FEWEST_BATCHES", 1)
+    monkeypatch.setattr("tvae.data.batches._PASSES", 3)
+    taken: dict[str, int] = {}
+    observer = Observer(
+        on_step=lambda step, terms: taken.update(bound=step), on_policy_step=lambda step, nats: taken.update(alone=step)
+    )
+    fit(two_styles(60), batch_size=9, held_out=0.1, hidden_features=4, device="cpu", observer=observer)
+    assert taken == {"bound": 18, "alone": 18}  # 3 passes over 54 of 60, 9 at a time
+    with pytest.raises(ValueError, match="batch_size must be at least 1, got 0"):
+        fit(two_styles(60), batch_size=0, device="cpu")
 
 
 def test_a_batch_with_very_long_trajectories_is_gone_through_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -514,7 +545,7 @@ def test_where_training_ended() -> None:
 
 def test_who_watches_is_told_where_training_ended(tmp_path: Path) -> None:
     with StringIO() as screen:
-        with watching(RunConfig(), tmp_path, Console(file=screen, width=200)) as shown:
+        with watching(Amounts(64, 2_200, 2_200), tmp_path, Console(file=screen, width=200)) as shown:
             together([shown]).on_end(judged(FALLING, RISING, best=8))
         assert "at step 1200 of 2200: the held-out bound was best at step 800" in screen.getvalue()
 

@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar, cast
 
-from tvae.fitting import MOST_POLICY_STEPS
-
 T = TypeVar("T")
 
 
@@ -55,8 +53,8 @@ class ModelConfig:
 class TrainingConfig:
     """The arguments of `tvae.train.loop.train`."""
 
-    num_steps: int = 2_200
-    """Most steps of gradient descent."""
+    num_steps: int | None = None
+    """Most steps of gradient descent; None for 60 passes over the demonstrations, at least 2,200 and at most 6,000."""
     batch_size: int | None = None
     """Trajectories in a step; None for 32 to 64 of them, fewer where they are long."""
     learning_rate: float = 1e-2
@@ -132,16 +130,6 @@ class RunConfig:
     seed: int = 0
     group: str | None = None
     """Attribute whose groups stay whole when demonstrations are split, such as a pair of players."""
-
-    @property
-    def policy_steps(self) -> int:
-        """How many steps the policy alone takes.
-
-        >>> RunConfig().policy_steps, RunConfig(policy=PolicyConfig(num_steps=0)).policy_steps
-        (2200, 0)
-        """
-        asked = self.policy.num_steps
-        return min(self.training.num_steps, MOST_POLICY_STEPS) if asked is None else asked
 
     def check(self) -> None:
         """Raise `ValueError` for a number that is not in its range.

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from tvae.evaluate.likelihood import importance_weighted_bound, paired_difference
-from tvae.experiments.fitting import demonstrations_of, known_metrics, split, trained, update_metrics
+from tvae.experiments.fitting import amounts_of, demonstrations_of, known_metrics, split, trained, update_metrics
 from tvae.experiments.progress import watching
 from tvae.experiments.using import FinishedRun
 
@@ -25,11 +25,11 @@ def compare_without_latent(
     known_metrics(run.directory)  # what is damaged is refused before the training, not after it
     about = run.about
     demonstrations = demonstrations_of(run.directory)
-    _, held_out = split(demonstrations, about.config)
+    training, held_out = split(demonstrations, about.config)
     config = replace(about.config, model=replace(about.config.model, latent_features=0))
     directory = run.directory.path / "without_latent"
     directory.mkdir(exist_ok=True)
-    with watching(config, directory / "tensorboard", console) as observer:
+    with watching(amounts_of(config, training), directory / "tensorboard", console) as observer:
         plain, _ = trained(
             demonstrations, config, checkpoint=directory / "checkpoint.safetensors", device=device, observer=observer
         )

@@ -15,7 +15,7 @@ from rich.console import Console
 
 import tvae
 from tvae.config import RunConfig, TrainingConfig
-from tvae.data.batches import evenly, suitable_batch_size
+from tvae.data.batches import evenly
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.identity import identity
 from tvae.experiments.arenas import Arena
@@ -23,6 +23,7 @@ from tvae.experiments.progress import together, watching
 from tvae.experiments.run_directory import RunDirectory, RunDirectoryError, read_json, write_json
 from tvae.experiments.source import Source
 from tvae.experiments.tracking import Tracker
+from tvae.fitting.amounts import Amounts
 from tvae.fitting.fit import new_model
 from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
@@ -102,6 +103,16 @@ def split(demonstrations: Demonstrations, config: RunConfig) -> tuple[Demonstrat
     return demonstrations.split(config.training.held_out, seed=config.seed, group=config.group)
 
 
+def amounts_of(config: RunConfig, training: Demonstrations) -> Amounts:
+    """Batch size and both numbers of steps, as a configuration asks or as these training demonstrations suggest."""
+    return Amounts.of(
+        training.lengths,
+        batch_size=config.training.batch_size,
+        num_steps=config.training.num_steps,
+        policy_steps=config.policy.num_steps,
+    )
+
+
 def fit_run(
     run: RunDirectory,
     demonstrations: Demonstrations,
@@ -116,13 +127,15 @@ def fit_run(
     `trackers` are told of all evaluations, those before a kill too.
     """
     config = about.config
+    parts = split(demonstrations, config)
+    amounts = amounts_of(config, parts[0])
     began = time.perf_counter()
     with (
         warnings.catch_warnings(record=True, category=TrainingWarning) as warned,
         ExitStack() as stack,
     ):
         tracked = [stack.enter_context(tracker.watching(about.title, config.to_json())) for tracker in trackers]
-        shown = stack.enter_context(watching(config, run.tensorboard, console))
+        shown = stack.enter_context(watching(amounts, run.tensorboard, console))
         warnings.simplefilter("always", TrainingWarning)
         model, records = trained(
             demonstrations,
@@ -136,10 +149,8 @@ def fit_run(
         console.print(f"Warning: {sentence}", style="yellow", markup=False)
     seconds = time.perf_counter() - began
     write_json(run.history, [asdict(record) for record in records])
-    parts = split(demonstrations, config)
-    batch_size = config.training.batch_size or suitable_batch_size(parts[0].lengths)
     terms = {
-        name: asdict(_terms(model, part, batch_size=batch_size, seed=config.seed))
+        name: asdict(_terms(model, part, batch_size=amounts.batch_size, seed=config.seed))
         for name, part in zip(("training", "held_out"), parts, strict=True)
     }
     update_metrics(
@@ -170,14 +181,14 @@ def trained(
     """
     training, held_out = split(demonstrations, config)
     model = new_model(demonstrations, seed=config.seed, device=device, **asdict(config.model))
-    settings = config.training
+    settings, amounts = config.training, amounts_of(config, training)
     records = train(
         model,
         training,
         held_out,
         schedule=schedule_of(settings),
-        num_steps=settings.num_steps,
-        batch_size=settings.batch_size,
+        num_steps=amounts.num_steps,
+        batch_size=amounts.batch_size,
         learning_rate=settings.learning_rate,
         clip=settings.clip,
         state_weight=settings.state_weight,
@@ -189,12 +200,12 @@ def trained(
         checkpoint=checkpoint,
         observer=observer,
     )
-    if config.policy_steps:
+    if amounts.policy_steps:
         refine_policy(
             model,
             training,
             held_out,
-            num_steps=config.policy_steps,
+            num_steps=amounts.policy_steps,
             batch_size=config.policy.batch_size,
             learning_rate=config.policy.learning_rate,
             seed=config.seed,

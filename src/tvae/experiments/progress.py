@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch.utils.tensorboard import SummaryWriter
 
-from tvae.config import RunConfig
+from tvae.fitting.amounts import Amounts
 from tvae.train import checkpoint
 from tvae.train.checkpoint import Record
 from tvae.train.diagnosis import ending
@@ -20,12 +20,12 @@ from tvae.train.terms import Terms
 
 
 @contextmanager
-def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator[Observer]:
+def watching(amounts: Amounts, tensorboard: Path, console: Console) -> Iterator[Observer]:
     """An observer of a training that draws a bar on `console` and writes events to `tensorboard`."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as bar, SummaryWriter(str(tensorboard), purge_step=0) as events:
-        task = bar.add_task("training", total=config.training.num_steps)
-        further = bar.add_task("policy alone", total=config.policy_steps, visible=config.policy_steps > 0)
+        task = bar.add_task("training", total=amounts.num_steps)
+        further = bar.add_task("policy alone", total=amounts.policy_steps, visible=amounts.policy_steps > 0)
 
         def on_step(step: int, terms: Terms) -> None:
             words = f"policy {terms.policy:.1f}  state {terms.state:.1f}  KL {terms.kl:.2f} nats"
@@ -44,7 +44,7 @@ def watching(config: RunConfig, tensorboard: Path, console: Console) -> Iterator
             bar.console.print(note, markup=False, highlight=False)
 
         def on_end(progress: checkpoint.Progress) -> None:
-            said = ending(progress, config.training.num_steps)
+            said = ending(progress, amounts.num_steps)
             if said:
                 bar.console.print(said, markup=False, highlight=False)
 

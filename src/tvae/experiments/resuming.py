@@ -55,7 +55,7 @@ def differences(asked: Any, usual: Any, kept: Any, prefix: str = "--") -> Iterat
     >>> from tvae.config import TrainingConfig
     >>> asked = RunConfig(seed=3, training=TrainingConfig(num_steps=5))
     >>> list(differences(asked, RunConfig(), RunConfig(seed=3)))
-    ['--training.num-steps 5 (there: 2200)']
+    ['--training.num-steps 5 (there: None)']
     """
     for name in (field.name for field in fields(asked)):
         option = prefix + name.replace("_", "-")

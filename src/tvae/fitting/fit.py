@@ -11,7 +11,7 @@ import torch
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.trajectory import DataError
 from tvae.device import resolve_device, seeded
-from tvae.fitting import MOST_POLICY_STEPS
+from tvae.fitting.amounts import Amounts
 from tvae.fitting.refine import refine_policy
 from tvae.model.tvae import TrajectoryVAE
 from tvae.train.loop import train
@@ -39,7 +39,7 @@ def fit(
     dynamics: bool = False,
     events: bool = True,
     schedule: KLSchedule = RAISED,
-    num_steps: int = 2_200,
+    num_steps: int | None = None,
     batch_size: int | None = None,
     learning_rate: float = 1e-2,
     clip: float = 1.0,
@@ -58,9 +58,10 @@ def fit(
 ) -> TrajectoryVAE:
     """A `TrajectoryVAE` trained on all but a held-out part of the demonstrations.
 
-    The first arguments are those of `TrajectoryVAE`, the later ones those of `train`. `held_out` is the share of
-    episodes kept for early stopping; with `group`, an attribute, groups stay whole. The policy then learns further
-    alone (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, at most 2,500, and 0 for none.
+    The first arguments are those of `TrajectoryVAE`, the later ones those of `train`. `num_steps` None are 60 passes
+    over the demonstrations, but 2,200 steps at least and 6,000 at most. `held_out` is the share of episodes kept for
+    early stopping; with `group`, an attribute, groups stay whole. The policy then learns further alone
+    (`tvae.fitting.refine`), for `policy_steps`: None for as many as `num_steps`, at most 2,500, and 0 for none.
 
     Raises `DataError` for anything but demonstrations.
     """
@@ -72,6 +73,7 @@ def fit(
     if policy_steps is not None and policy_steps < 0:
         raise ValueError(f"policy_steps must be at least 0, got {policy_steps}")
     training, judged = demonstrations.split(held_out, seed=seed, group=group)
+    amounts = Amounts.of(training.lengths, batch_size=batch_size, num_steps=num_steps, policy_steps=policy_steps)
     model = new_model(
         demonstrations,
         seed=seed,
@@ -96,8 +98,8 @@ def fit(
         training,
         judged,
         schedule=schedule,
-        num_steps=num_steps,
-        batch_size=batch_size,
+        num_steps=amounts.num_steps,
+        batch_size=amounts.batch_size,
         learning_rate=learning_rate,
         clip=clip,
         state_weight=state_weight,
@@ -109,9 +111,8 @@ def fit(
         checkpoint=None if checkpoint is None else Path(checkpoint),
         observer=observer,
     )
-    further = min(num_steps, MOST_POLICY_STEPS) if policy_steps is None else policy_steps
-    if further:
-        refine_policy(model, training, judged, num_steps=further, seed=seed, observer=observer)
+    if amounts.policy_steps:
+        refine_policy(model, training, judged, num_steps=amounts.policy_steps, seed=seed, observer=observer)
     return model
 
 

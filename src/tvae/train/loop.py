@@ -53,7 +53,7 @@ def train(
     held_out: Demonstrations,
     *,
     schedule: KLSchedule,
-    num_steps: int = 2_200,
+    num_steps: int,
     batch_size: int | None = None,
     learning_rate: float = 1e-2,
     clip: float = 1.0,

@@ -22,7 +22,7 @@ from tvae.evaluate.playstyles import find_playstyles, match
 from tvae.evaluate.styles import AnyStyle, Playstyles, Style, one_of
 from tvae.experiments.analysis import names_of
 from tvae.experiments.findings import Findings
-from tvae.experiments.fitting import trained
+from tvae.experiments.fitting import amounts_of, split, trained
 from tvae.experiments.reproduction.cells import Cell, CellError, Effort
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
@@ -42,7 +42,7 @@ class Ours:
     def learn(self, lesson: Lesson) -> Bots:
         """A bot of each label: of the found styles that bear it, or of any style where none was found for it."""
         read = self._finished(lesson.seed) if lesson.most_steps is None and lesson.one_in == 1 else None
-        subject, steps = self._trained(lesson) if read is None else (read.subject(), _most_steps(self.config))
+        subject, steps = self._trained(lesson) if read is None else (read.subject(), sum(_steps(read.config, lesson)))
         bearing = styles_by_label(subject.playstyles, subject.demonstrations) if lesson.labels else {}
         facts: dict[str, Any] = {
             "num_parameters": num_parameters(subject.model),
@@ -76,7 +76,12 @@ class Ours:
         config = replace(self.config, seed=lesson.seed)
         if lesson.most_steps is not None:  # of which the policy alone takes as many as the bound
             config = Effort(max(1, lesson.most_steps // 2)).config(config, lesson.seed)
-        config = _shortened(config, lesson.one_in)
+        bound, alone = _steps(config, lesson)
+        config = replace(
+            config,
+            training=replace(config.training, num_steps=bound),
+            policy=replace(config.policy, num_steps=alone),
+        )
         with tempfile.TemporaryDirectory() as scratch:
             checkpoint = Path(scratch) / "checkpoint.safetensors"
             model, records = trained(
@@ -85,21 +90,13 @@ class Ours:
         playstyles = find_playstyles(encode(model, lesson.demonstrations), seed=lesson.seed)
         findings = Findings(playstyles, names_of(playstyles, lesson.demonstrations), {})
         subject = Subject(model, lesson.demonstrations, findings, lesson.demonstrations, lesson.seed, episodes=1)
-        return subject, records[-1].step + config.policy_steps
+        return subject, records[-1].step + alone
 
 
-def _shortened(config: RunConfig, one_in: int) -> RunConfig:
-    """With one in so many of its gradient steps, of the bound and of the policy alone."""
-    if one_in == 1:
-        return config
-    training = replace(config.training, num_steps=max(1, config.training.num_steps // one_in))
-    policy = replace(config.policy, num_steps=max(1, config.policy_steps // one_in))
-    return replace(config, training=training, policy=policy)
-
-
-def _most_steps(config: RunConfig) -> int:
-    """Gradient steps of a training that does not end early."""
-    return config.training.num_steps + config.policy_steps
+def _steps(config: RunConfig, lesson: Lesson) -> tuple[int, int]:
+    """Gradient steps of the bound, if it does not end early, and of the policy alone; one in so many of the usual."""
+    amounts = amounts_of(config, split(lesson.demonstrations, config)[0])
+    return -(-amounts.num_steps // lesson.one_in), -(-amounts.policy_steps // lesson.one_in)
 
 
 def styles_by_label(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[str, list[Style]]:
