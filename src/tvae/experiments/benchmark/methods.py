@@ -22,6 +22,7 @@ from tvae.baselines.scripted import Demonstrators
 from tvae.baselines.sectar import SelfConsistentTrajectories
 from tvae.baselines.state_vae import StateTrajectoryVAE
 from tvae.baselines.trivial import Walking, WalkingAttacking
+from tvae.config import RunConfig
 from tvae.errors import TvaeError
 from tvae.experiments.benchmark.ours import Ours
 from tvae.experiments.benchmark.people import People
@@ -128,6 +129,11 @@ def _state_vae_gail(task: str, cells: Path) -> Method:
     return from_extra("tvae.baselines.state_vae_gail", "StateVAEWithGAIL", "imitation", first=first)(task, cells)
 
 
+def _untuned(task: str, cells: Path) -> Method:
+    """As `tvae fit` does where nothing is asked, but that it is told which episodes are of one group."""
+    return Ours(task, RunConfig(group=TASKS[task].config.group), cells)
+
+
 _PEOPLE = ("pusht", "overcooked")
 
 METHODS: Mapping[str, Entry] = {
@@ -162,5 +168,6 @@ METHODS: Mapping[str, Entry] = {
     "dagger": Entry(
         "DAgger given the true label", _coded(DAgger()), (Need.LABELS, Need.ENVIRONMENT, Need.DEMONSTRATORS)
     ),
+    "ours_untuned": Entry("T-VAE (ours), nothing chosen for the task", _untuned, tasks=_PEOPLE),
     "ours": Entry("T-VAE (ours)", lambda task, cells: Ours(task, TASKS[task].config, cells)),
 }
