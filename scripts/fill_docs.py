@@ -4,9 +4,9 @@ A number stands between two comments, which say where it comes from and how it i
 
     <!--zombie success.avoid %-->99.5 % [98.8, 100.0]<!---->
 
-`zombie` is results/zombie/metrics.json, `success.avoid` a path in it, and the format is `%` for a share, or a number of
-decimals; `%m` and `2m` leave the interval out. With --check nothing is written. The exit code is 1 where a tag cannot
-be filled, and with --check where a number is not that of results/.
+`zombie` is results/zombie/metrics.json, `success.avoid` a path in it, and the format is `%` for a share, `p` for a
+difference of shares in points, or a number of decimals; `%m` and `2m` leave the interval out. With --check nothing is
+written. The exit code is 1 where a tag cannot be filled, and with --check where a number is not that of results/.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from typing import Any
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-TAGGED = re.compile(r"(<!--(\S+) (\S+) (%|\d)(m?)-->)[^<]*(<!---->)")
+TAGGED = re.compile(r"(<!--(\S+) (\S+) (%|p|\d)(m?)-->)[^<]*(<!---->)")
 LIKE_A_TAG = re.compile(r"<!--(?!-->)")
 
 
@@ -48,7 +48,7 @@ def at(found: Any, path: str) -> Any:
 
 def written(found: Any, style: str, *, alone: bool) -> str:
     """A number, or a mean over seeds with its interval, in words."""
-    scale, decimals, unit = (100, 1, " %") if style == "%" else (1, int(style), "")
+    scale, decimals, unit = {"%": (100, 1, " %"), "p": (100, 1, "")}.get(style) or (1, int(style), "")
     mean, interval = (found["mean"], found["ci95"]) if isinstance(found, dict) else (found, None)
 
     def said(value: float) -> str:

@@ -124,6 +124,7 @@ def test_numbers_are_found_and_written_as_their_tags_say() -> None:
     assert fill_docs.written(share, "%", alone=False) == "0.3 % [0.0, 100.0]"
     assert fill_docs.written(share, "2", alone=True) == "0.00"
     assert fill_docs.written(-0.001, "2", alone=True) == "0.00"
+    assert fill_docs.written({"mean": -0.04, "ci95": [-0.0812, 0.0012]}, "p", alone=False) == "-4.0 [-8.1, 0.1]"
     failures: list[str] = []
     page = "<!--nowhere a.b 2-->1<!----> <!--zombie success.nobody %-->2<!----> <!--mistyped-->3<!---->"
     assert fill_docs.filled(page, failures.append) == page

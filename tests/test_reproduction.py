@@ -27,11 +27,11 @@ from tvae.experiments.fitting import amounts_of, split
 from tvae.experiments.reproduction import circle, navigation, zombie
 from tvae.experiments.reproduction import reproduce as module
 from tvae.experiments.reproduction.cells import Cell, CellError, Effort
-from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, OTHER_NUMBERS, PRESETS
+from tvae.experiments.reproduction.presets import ABLATIONS, BASES, BESIDE, OTHER_NUMBERS, PRESETS
 from tvae.experiments.reproduction.reproduce import Plan, reproduce
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import TEST, first_observations
-from tvae.experiments.reproduction.summary import summary
+from tvae.experiments.reproduction.summary import less, summary
 from tvae.experiments.run_directory import write_json
 from tvae.figures.zombie import zombie_paths
 from tvae.rollouts import rollout
@@ -249,6 +249,27 @@ def test_a_summary_compares_the_styles_of_every_pair_of_seeds():
     between = {"mean": pytest.approx((1 - 0.5 - 0.5) / 3), "ci95": [-0.5, 1.0], "pairs": 3}
     assert found["between_seeds"]["ari"] == between  # a seed that found one style agrees with nobody
     assert found["warnings"] == ["collapsed"]
+
+
+def test_what_differs_is_compared_seed_by_seed():
+    """The spread of the seeds, which both share, is not in it; what one of them lacks is left out."""
+    runs, others = (
+        [{"success": {"attack": share + more, "avoid": 1.0}, "kl_nats": more, "episodes": 9} for share in (0.5, 0.7, 0.9)]
+        for more in (0.1, 0.0)
+    )
+    del others[1]["kl_nats"]
+    found = less(runs, others)
+    assert found["success"]["attack"] == {"mean": 0.1, "ci95": [0.1, 0.1], "seeds": 3}
+    assert found["success"]["avoid"]["mean"] == 0
+    assert found.keys() == {"success"}
+
+
+def test_every_ablation_is_compared_with_what_it_is_one_change_of():
+    for task, bases in BASES.items():
+        assert {"bound", *bases} == {"default", *ABLATIONS[task]}
+    assert {name for name, base in BASES["zombie"].items() if base == "plain"} == {
+        name for name in ABLATIONS["zombie"] if name.startswith("plain_") and name != "plain_decoders"
+    }
 
 
 # The command

@@ -126,3 +126,11 @@ ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
 the state decoder, which it reads. `plain` changes two, `reactive` and `events`, and the three behind it add a remedy on
 the latent's side: can it do without those on the decoders' side?
 """
+
+_OF_PLAIN = ("plain_budget", "plain_independence", "plain_swapped")
+
+BASES: Mapping[str, Mapping[str, str]] = {
+    task: {name: "plain" if name in _OF_PLAIN else "bound" for name in ("default", *ablations) if name != "bound"}
+    for task, ablations in ABLATIONS.items()
+}
+"""What each is compared with, seed by seed."""

@@ -17,9 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from tvae.experiments.progress import counting
 from tvae.experiments.reproduction.cells import Cell, CellError, Effort
-from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS
+from tvae.experiments.reproduction.presets import ABLATIONS, BASES, BESIDE, PRESETS
 from tvae.experiments.reproduction.studies import STUDIES
-from tvae.experiments.reproduction.summary import summary, write_table
+from tvae.experiments.reproduction.summary import less, summary, write_table
 from tvae.experiments.run_directory import read_json, write_json
 from tvae.figures.architecture import architecture
 from tvae.figures.canvas import save
@@ -143,6 +143,9 @@ def finish(plan: Plan, task: str, *, console: Console) -> None:
     write_table(shown, study.title, plan.command, home / "README.md")
     if measured:
         table = {name: summaries[name] for name in ["default", *measured]}
+        for name, base in BASES[task].items():
+            if {name, base} <= table.keys():
+                table[name] = {**table[name], f"less_{base}": less(runs[name], runs[base])}
         write_json(home / "ablations.json", table)
         command = plan.command if plan.ablations else f"{plan.command} --ablations"
         write_table(table, f"{study.title}: one thing changed at a time", command, home / "ablations.md")

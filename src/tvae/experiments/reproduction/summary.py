@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,18 @@ from tvae.files import appearing
 
 _HIDDEN = {"nats_per_trajectory", "success_by_window", "wasserstein", "config"}
 """Left to `metrics.json` and the figures."""
+_COMPARED = (
+    "success",
+    "success_most_likely",
+    "style_consistency",
+    "end_distance",
+    "decoder_consistency",
+    "radial_error",
+    "radial_error_most_likely",
+    "kl_nats",
+    "leakage_r2",
+)
+"""Numbers that are compared seed by seed."""
 
 
 def summary(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -41,6 +53,28 @@ def summary(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "versions": runs[0]["versions"],
         "warnings": sorted({warning for run in runs for warning in run["warnings"]}),
         "config": {name: runs[0]["cell"][name] for name in ("model", "training")},
+    }
+
+
+def less(runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """How much larger success, errors, nats and leakage are than those of others with the same seeds, one by one.
+
+    Trainings of one seed have the same demonstrations and worlds, so that their difference varies less than they do.
+
+    >>> ours, theirs = [{"kl_nats": 0.9}, {"kl_nats": 0.7}], [{"kl_nats": 0.8}, {"kl_nats": 0.6}]
+    >>> less(ours, theirs)["kl_nats"]
+    {'mean': 0.1, 'ci95': [0.1, 0.1], 'seeds': 2}
+    """
+    return over_seeds([_difference(run, other, _COMPARED) for run, other in zip(runs, others, strict=True)])
+
+
+def _difference(run: Mapping[str, Any], other: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {
+        name: _difference(run[name], other[name], run[name])
+        if isinstance(run[name], Mapping)
+        else run[name] - other[name]
+        for name in names
+        if name in run and name in other
     }
 
 
