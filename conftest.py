@@ -9,5 +9,7 @@ import pytest
 @pytest.fixture(autouse=True, scope="session")
 def _temporary_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("temporary")))
+        directory = str(tmp_path_factory.mktemp("temporary"))
+        patch.setattr(tempfile, "tempdir", directory)
+        patch.setenv("TMPDIR", directory)  # of other processes
         yield

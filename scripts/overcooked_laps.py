@@ -53,7 +53,7 @@ from tvae.evaluate.encoding import Posteriors, encode
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.evaluate.playstyles import find_playstyles
 from tvae.evaluate.styles import AnyStyle, Playstyles
-from tvae.experiments.fitting import schedule_of
+from tvae.experiments.fitting import amounts_of, schedule_of
 from tvae.experiments.tasks import overcooked
 from tvae.files import appearing
 from tvae.fitting.fit import new_model
@@ -97,18 +97,18 @@ def judged(demonstrations: Demonstrations) -> Demonstrations:
 
 def fitted(demonstrations: Demonstrations, config: RunConfig, device: str) -> TrajectoryVAE:
     """The model of a configuration, trained to the end on all of the demonstrations."""
-    settings = config.training
+    settings, amounts = config.training, amounts_of(config, demonstrations)
     model = new_model(demonstrations, seed=config.seed, device=device, **vars(config.model))
     train(
         model,
         demonstrations,
         judged(demonstrations),
         schedule=schedule_of(settings),
-        num_steps=settings.num_steps,
-        batch_size=settings.batch_size,
+        num_steps=amounts.num_steps,
+        batch_size=amounts.batch_size,
         learning_rate=settings.learning_rate,
         state_weight=settings.state_weight,
-        evaluate_every=settings.num_steps,
+        evaluate_every=amounts.num_steps,
         seed=config.seed,
     )
     return model

@@ -15,6 +15,7 @@ from rich.console import Console
 from tvae.baselines.cloning import CloningMLP
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.scripted import Demonstrators
+from tvae.config import PolicyConfig, RunConfig, TrainingConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.envs.circle import ConstantTurn, circle_demonstrations
 from tvae.envs.navigation import navigation_demonstrations
@@ -25,7 +26,7 @@ from tvae.experiments.benchmark import benchmark as module
 from tvae.experiments.benchmark.benchmark import Plan, benchmark, write
 from tvae.experiments.benchmark.cells import BenchmarkCell, Budget
 from tvae.experiments.benchmark.measures import MEASURES, entropy, measure, play, trajectory_fit
-from tvae.experiments.benchmark.ours import Ours
+from tvae.experiments.benchmark.ours import Ours, steps_of
 from tvae.experiments.benchmark.sooner import PARTS, sooner
 from tvae.experiments.benchmark.tasks import TASKS
 from tvae.experiments.reproduction.cells import CellError
@@ -246,6 +247,19 @@ def test_a_shorter_training_takes_a_part_of_the_steps(plan: Plan):
     config = replace(task.config, training=replace(task.config.training, num_steps=20))
     ours = Ours("zombie", config, plan.finished)
     assert ours.learn(lessons[2]).facts["gradient_steps"] == 20
+
+
+@pytest.mark.parametrize(
+    ("bound", "alone", "one_in", "taken"),
+    [(2_500, None, 8, (312, 312)), (None, None, 8, (275, 275)), (6_000, 0, 4, (1_500, 0)), (3, 3, 8, (1, 1))],
+)
+def test_ours_takes_a_part_of_both_numbers_of_steps(
+    bound: int | None, alone: int | None, one_in: int, taken: tuple[int, int]
+) -> None:
+    """Rounded down, as every other method does."""
+    config = RunConfig(training=TrainingConfig(num_steps=bound), policy=PolicyConfig(num_steps=alone))
+    lesson = Lesson(zombie_demonstrations(20), TASKS["zombie"].world, one_in=one_in)
+    assert steps_of(config, lesson) == taken
 
 
 def test_shorter_trainings_of_another_method_are_no_part_of_a_table(plan: Plan, monkeypatch: pytest.MonkeyPatch):

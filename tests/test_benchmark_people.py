@@ -17,6 +17,7 @@ from toys import noise
 from tvae.baselines.contract import Bots, Lesson
 from tvae.baselines.policies import held_apart
 from tvae.baselines.state_vae import StateTrajectoryVAE
+from tvae.config import RunConfig
 from tvae.envs.overcooked import overcooked_demonstrations
 from tvae.envs.pusht import PushTEnv, pusht_demonstrations, replay
 from tvae.errors import TvaeError
@@ -27,7 +28,8 @@ from tvae.experiments.benchmark.benchmark import Plan
 from tvae.experiments.benchmark.cells import QUICK, BenchmarkCell, Budget
 from tvae.experiments.benchmark.human import ALONE
 from tvae.experiments.benchmark.measures import measure, play
-from tvae.experiments.benchmark.ours import styles_by_label
+from tvae.experiments.benchmark.methods import METHODS
+from tvae.experiments.benchmark.ours import Ours, styles_by_label
 from tvae.experiments.benchmark.people import People, Recorded
 from tvae.experiments.benchmark.tasks import PAPER, TASKS
 from tvae.spaces import FloatArray
@@ -203,10 +205,23 @@ def test_each_task_has_its_own_number_of_episodes(tmp_path: Path) -> None:
     assert [episodes(task, Budget(episodes=7)) for task in tasks] == [7, 7, 7]
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "results/benchmark/cells").glob("*/*/seed-0")), ids=str)
+@pytest.mark.parametrize("path", sorted((ROOT / "results/benchmark/cells").glob("*/*")), ids=str)
 def test_stored_cells_are_those_that_would_be_made(path: Path) -> None:
-    cell = BenchmarkCell(path.parts[-2], path.parts[-3], 0, path, Budget(), ROOT / "results/cells")
-    assert cell.is_measured()
+    models = ROOT / "results/cells"
+    for home in sorted(path.glob("seed-*")):
+        seed = int(home.name.removeprefix("seed-"))
+        for part in (home, *sorted(home.glob("one-in-*"))):
+            one_in = 1 if part == home else int(part.name.removeprefix("one-in-"))
+            cell = BenchmarkCell(path.name, path.parent.name, seed, part, Budget(), models, one_in=one_in)
+            assert cell.is_measured()
+
+
+def test_ours_untuned_is_told_which_segments_belong_together_and_nothing_else() -> None:
+    made = {task: METHODS["ours_untuned"].make(task, Path("nowhere")) for task in ("pusht", "overcooked")}
+    assert made == {
+        "pusht": Ours("pusht", RunConfig(), Path("nowhere")),
+        "overcooked": Ours("overcooked", RunConfig(group="group"), Path("nowhere")),
+    }
 
 
 @pytest.mark.filterwarnings("ignore::tvae.train.diagnosis.TrainingWarning")

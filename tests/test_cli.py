@@ -682,8 +682,9 @@ def test_a_run_goes_on_as_it_was_configured(
     call(*resumed)
     call(*resumed, "--data", table, "--seed", "3", *SMALL, *env)
     call(*resumed, "--model.hidden-features", "64")  # as by default, which may not have been said
+    call(*resumed, "--policy.num-steps", "30")  # nobody said it, but it is what it came to
     call("demo", "--resume", "--out", run, "--seed", "3")
-    assert len(going) == 4
+    assert len(going) == 5
     for options, words in (
         (["--seed", "4"], "--seed 4 (there: 3)"),
         (["--training.num-steps", "31"], "--training.num-steps 31 (there: 30)"),

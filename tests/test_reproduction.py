@@ -27,7 +27,7 @@ from tvae.experiments.fitting import amounts_of, split
 from tvae.experiments.reproduction import circle, navigation, zombie
 from tvae.experiments.reproduction import reproduce as module
 from tvae.experiments.reproduction.cells import Cell, CellError, Effort
-from tvae.experiments.reproduction.presets import ABLATIONS, BASES, BESIDE, OTHER_NUMBERS, PRESETS
+from tvae.experiments.reproduction.presets import ABLATIONS, BASES, BESIDE, PRESETS, SAMPLE_SIZES
 from tvae.experiments.reproduction.reproduce import Plan, reproduce
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import TEST, first_observations
@@ -86,7 +86,7 @@ def test_the_bound_alone_is_our_default_but_for_how_long_it_trains(task: str):
     assert bound.policy.num_steps == 0
     assert replace(bound, training=default.training, policy=default.policy) == default
     assert replace(bound.training, num_steps=default.training.num_steps) == default.training
-    both = amounts_of(default, STUDIES[task].demonstrations(0))
+    both = amounts_of(default, split(STUDIES[task].demonstrations(0), default)[0])
     assert bound.training.num_steps is not None
     assert both.num_steps <= bound.training.num_steps < both.num_steps + both.policy_steps
 
@@ -113,7 +113,7 @@ def test_each_ablation_changes_one_thing_of_the_bound():
             changed -= {"reactive", "events"}
             assert len(changed) == (name != "plain"), name
         else:
-            assert len(changed - {"stop"}) == (name not in (*OTHER_NUMBERS, "bound")), name
+            assert len(changed - {"stop"}) == (name not in (*SAMPLE_SIZES, "bound")), name
 
 
 def test_plain_decoders_have_each_remedy_on_the_latents_side_alone():
@@ -128,13 +128,19 @@ def test_plain_decoders_have_each_remedy_on_the_latents_side_alone():
         assert presets[alone].training == presets[name].training != presets["plain"].training
 
 
+@pytest.mark.parametrize("task", STUDIES)
+def test_stored_trainings_are_those_that_would_be_made(task: str):
+    plan = Plan([task], Path(__file__).parent.parent / "results", 5, Effort(), ablations=True, command="")
+    assert all(cell.is_measured() for cell in plan.all_cells())
+
+
 def test_every_preset_has_a_measure():
     for task, study in STUDIES.items():
         assert set(study.measures) == set(study.presets) == {*PRESETS[task], *BESIDE[task], *ABLATIONS[task]}
 
 
 def test_other_numbers_of_demonstrations_are_those_of_the_recipe():
-    assert [len(STUDIES["zombie"].learnt_from(name, seed=0)) for name in OTHER_NUMBERS] == list(OTHER_NUMBERS.values())
+    assert {name: len(STUDIES["zombie"].learnt_from(name, seed=0)) for name in SAMPLE_SIZES} == SAMPLE_SIZES
     assert len(STUDIES["zombie"].learnt_from("default", seed=0)) == 2000
 
 
@@ -254,7 +260,7 @@ def test_a_summary_compares_the_styles_of_every_pair_of_seeds():
 def test_what_differs_is_compared_seed_by_seed():
     """The spread of the seeds, which both share, is not in it; what one of them lacks is left out."""
     runs, others = (
-        [{"success": {"attack": share + more, "avoid": 1.0}, "kl_nats": more, "episodes": 9} for share in (0.5, 0.7, 0.9)]
+        [{"success": {"attack": share + more, "avoid": 1.0}, "kl_nats": more, "other": 9} for share in (0.5, 0.7, 0.9)]
         for more in (0.1, 0.0)
     )
     del others[1]["kl_nats"]

@@ -42,7 +42,7 @@ def reproduce(
     seeds
         How many seeds, from 0 on.
     ablations
-        Train the ablations as well, and with fewer demonstrations (zombie).
+        Train the ablations as well, and with fewer and more demonstrations (zombie).
     steps
         Training steps, instead of what each preset says; for a quick look.
     episodes

@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,8 @@ class About:
 
 
 def begin(run: RunDirectory, demonstrations: Demonstrations, about: About) -> None:
-    """Write `config.json`: what the run needs to be repeated."""
+    """Write `config.json`: what the run needs to be repeated, with the numbers that its demonstrations suggest."""
+    about = replace(about, config=_decided(about.config, demonstrations))
     model = new_model(demonstrations, seed=about.config.seed, device="cpu", **asdict(about.config.model))
     facts = {
         "tvae": tvae.__version__,
@@ -101,6 +102,12 @@ def demonstrations_of(run: RunDirectory) -> Demonstrations:
 def split(demonstrations: Demonstrations, config: RunConfig) -> tuple[Demonstrations, Demonstrations]:
     """Training and held-out demonstrations of a run; the same each time."""
     return demonstrations.split(config.training.held_out, seed=config.seed, group=config.group)
+
+
+def _decided(config: RunConfig, demonstrations: Demonstrations) -> RunConfig:
+    amounts = amounts_of(config, split(demonstrations, config)[0])
+    training = replace(config.training, num_steps=amounts.num_steps, batch_size=amounts.batch_size)
+    return replace(config, training=training, policy=replace(config.policy, num_steps=amounts.policy_steps))
 
 
 def amounts_of(config: RunConfig, training: Demonstrations) -> Amounts:

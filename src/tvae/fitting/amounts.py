@@ -29,7 +29,7 @@ class Amounts:
         """For training trajectories of these lengths (E,): what is asked, and where that is None what suits them.
 
         That is `suitable_batch_size` trajectories and `suitable_num_batches` steps; and as many of the policy alone
-        as of the bound, at most 2,500. Raises `ValueError` for batches of nothing.
+        as of the bound, at most 2,500. Raises `ValueError` for numbers that cannot be.
 
         >>> import numpy as np
         >>> Amounts.of(np.full(1_350, 100), batch_size=None, num_steps=None, policy_steps=None)
@@ -40,6 +40,7 @@ class Amounts:
         batch_size = suitable_batch_size(lengths) if batch_size is None else counted("batch_size", batch_size)
         if num_steps is None:
             num_steps = suitable_num_batches(len(lengths), batch_size)
+        num_steps = counted("num_steps", num_steps)
         if policy_steps is None:
             policy_steps = min(num_steps, _MOST_POLICY_STEPS)
-        return cls(batch_size, num_steps, policy_steps)
+        return cls(batch_size, num_steps, counted("policy_steps", policy_steps, least=0))

@@ -70,8 +70,6 @@ def fit(
             "fit needs demonstrations, as tvae.load_demonstrations reads them, "
             f"got {type(demonstrations).__name__}"
         )
-    if policy_steps is not None and policy_steps < 0:
-        raise ValueError(f"policy_steps must be at least 0, got {policy_steps}")
     training, judged = demonstrations.split(held_out, seed=seed, group=group)
     amounts = Amounts.of(training.lengths, batch_size=batch_size, num_steps=num_steps, policy_steps=policy_steps)
     model = new_model(

@@ -1,4 +1,4 @@
-"""T-VAE, ours, with the configuration of the task's reproduction or demo: styles found without labels, a bot for each.
+"""T-VAE, ours: styles found without labels, and a bot for each.
 
 Source: "Trajectory VAE for multi-modal imitation" (ICLR 2019 submission), as `docs/paper.md` reads it. Labels name the
 styles that were found and teach nothing; styles that bear the same label are one bot. At will, each episode's style is
@@ -32,7 +32,7 @@ from tvae.train.observer import Observer
 
 @dataclass(frozen=True)
 class Ours:
-    """Our default for a task."""
+    """Ours, with a configuration."""
 
     task: str
     config: RunConfig
@@ -42,7 +42,7 @@ class Ours:
     def learn(self, lesson: Lesson) -> Bots:
         """A bot of each label: of the found styles that bear it, or of any style where none was found for it."""
         read = self._finished(lesson.seed) if lesson.most_steps is None and lesson.one_in == 1 else None
-        subject, steps = self._trained(lesson) if read is None else (read.subject(), sum(_steps(read.config, lesson)))
+        subject, steps = self._trained(lesson) if read is None else (read.subject(), sum(steps_of(read.config, lesson)))
         bearing = styles_by_label(subject.playstyles, subject.demonstrations) if lesson.labels else {}
         facts: dict[str, Any] = {
             "num_parameters": num_parameters(subject.model),
@@ -66,6 +66,8 @@ class Ours:
             return None
         directory = self.cells / self.task / "default" / f"seed-{seed}"
         cell = Cell(self.task, "default", seed, directory, Effort())
+        if cell.config != replace(self.config, seed=seed):
+            return None
         try:
             return cell if cell.is_finished() else None
         except CellError:
@@ -76,7 +78,7 @@ class Ours:
         config = replace(self.config, seed=lesson.seed)
         if lesson.most_steps is not None:  # of which the policy alone takes as many as the bound
             config = Effort(max(1, lesson.most_steps // 2)).config(config, lesson.seed)
-        bound, alone = _steps(config, lesson)
+        bound, alone = steps_of(config, lesson)
         config = replace(
             config,
             training=replace(config.training, num_steps=bound),
@@ -93,10 +95,11 @@ class Ours:
         return subject, records[-1].step + alone
 
 
-def _steps(config: RunConfig, lesson: Lesson) -> tuple[int, int]:
+def steps_of(config: RunConfig, lesson: Lesson) -> tuple[int, int]:
     """Gradient steps of the bound, if it does not end early, and of the policy alone; one in so many of the usual."""
     amounts = amounts_of(config, split(lesson.demonstrations, config)[0])
-    return -(-amounts.num_steps // lesson.one_in), -(-amounts.policy_steps // lesson.one_in)
+    bound, alone = (min(steps, max(1, steps // lesson.one_in)) for steps in (amounts.num_steps, amounts.policy_steps))
+    return bound, alone
 
 
 def styles_by_label(playstyles: Playstyles, demonstrations: Demonstrations) -> dict[str, list[Style]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import time
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from tvae.evaluate.playstyles import find_playstyles
 from tvae.evaluate.words import describe
 from tvae.experiments.analysis import names_of
 from tvae.experiments.findings import Findings
-from tvae.experiments.fitting import trained
+from tvae.experiments.fitting import amounts_of, split, trained
 from tvae.experiments.reproduction.studies import STUDIES
 from tvae.experiments.reproduction.subject import Subject
 from tvae.experiments.run_directory import read_json, write_json
@@ -143,7 +143,11 @@ class Cell:
             model, _ = trained(
                 demonstrations, self.config, checkpoint=checkpoint, device=device, observer=Observer()
             )
-        facts: dict[str, Any] = {"trained_at_commit": code, "warnings": [str(warning.message) for warning in warned]}
+        facts: dict[str, Any] = {
+            "trained_at_commit": code,
+            "amounts": asdict(amounts_of(self.config, split(demonstrations, self.config)[0])),
+            "warnings": [str(warning.message) for warning in warned],
+        }
         if not resumed:
             facts["train_seconds"] = time.perf_counter() - began
         model.save(self.directory)

@@ -15,7 +15,7 @@ from tvae.envs.zombie import zombie_demonstrations
 from tvae.experiments.reproduction import circle, navigation, zombie, zombie_pictures
 from tvae.experiments.reproduction.horizon import horizon_picture
 from tvae.experiments.reproduction.numbers import Picture, Runs
-from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, OTHER_NUMBERS, PRESETS
+from tvae.experiments.reproduction.presets import ABLATIONS, BESIDE, PRESETS, SAMPLE_SIZES
 from tvae.experiments.reproduction.subject import Subject
 
 Measure: TypeAlias = Callable[[Subject], dict[str, Any]]
@@ -94,6 +94,6 @@ STUDIES: Mapping[str, Study] = {
         zombie_pictures.draw,
         zombie_pictures.draw_across,
         zombie_pictures.animations,
-        other_demonstrations={name: partial(zombie_demonstrations, count) for name, count in OTHER_NUMBERS.items()},
+        other_demonstrations={name: partial(zombie_demonstrations, count) for name, count in SAMPLE_SIZES.items()},
     ),
 }
