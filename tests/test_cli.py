@@ -707,7 +707,7 @@ def test_a_run_goes_on_as_it_was_configured(
         assert "give one of them, not both" in refused(capsys, *verb, "--force")
     said = refused(capsys, "fit", table, "--out", tmp_path / "new", "--episodes", "5")
     assert "name it with --env" in said
-    assert len(going) == 4
+    assert len(going) == 5
 
 
 def test_a_damaged_run_is_refused_in_words(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
