@@ -13,7 +13,7 @@ from sklearn.metrics import adjusted_rand_score
 from tvae.evaluate.over_seeds import over_seeds
 from tvae.files import appearing
 
-_HIDDEN = {"nats_per_trajectory", "success_by_window", "wasserstein", "config"}
+_HIDDEN = {"nats_per_trajectory", "success_by_window", "wasserstein", "config", "amounts"}
 """Left to `metrics.json` and the figures."""
 _COMPARED = (
     "success",
