@@ -17,25 +17,6 @@ from tvae.experiments.reproduction.studies import STUDIES
 
 PUSHT_DATA = Path("data/pusht_human_206.npz")
 OVERCOOKED_DATA = Path("data/overcooked_human_2019.json.gz")
-PUSHT_CONFIG = RunConfig(
-    model=ModelConfig(
-        latent_features=4,
-        hidden_features=128,
-        window=2,
-        stop=False,
-        action_components=5,
-        state_components=5,
-        prior_components=1,
-    ),
-    training=TrainingConfig(
-        num_steps=1_500,
-        batch_size=32,
-        learning_rate=3e-3,
-        kl_points=((0.0, 1.0), (0.4, 1.0), (0.5, 10.0)),
-        patience=15,
-        held_out=0.15,
-    ),
-)
 OVERCOOKED_CONFIG = RunConfig(
     model=ModelConfig(
         latent_features=8,
@@ -93,7 +74,7 @@ def pusht(data: Path | None, seed: int) -> Recipe:
     return Recipe(
         title="PushT, 206 human demonstrations",
         demonstrations=lambda: module.pusht_demonstrations(path),
-        config=replace(PUSHT_CONFIG, seed=seed),
+        config=RunConfig(seed=seed),
         arena=Arena("tvae/PushT-v0", episodes=200),
     )
 

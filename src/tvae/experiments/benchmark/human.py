@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvae.baselines.contract import Envs, World
+from tvae.config import RunConfig
 from tvae.data.demonstrations import Demonstrations
 from tvae.data.segments import segment
 from tvae.data.trajectory import Trajectory
@@ -38,7 +39,6 @@ from tvae.experiments.benchmark.task import Task
 from tvae.experiments.tasks import (
     OVERCOOKED_CONFIG,
     OVERCOOKED_DATA,
-    PUSHT_CONFIG,
     PUSHT_DATA,
     recordings,
     simulated,
@@ -128,7 +128,7 @@ PUSHT = Task(
     world=_world("tvae/PushT-v0"),
     demonstrations=_pusht_part(0),
     test=_pusht_part(1),
-    config=PUSHT_CONFIG,
+    config=RunConfig(),
     shown=lambda episodes: np.zeros(len(episodes), dtype=np.int64),
     succeeded=lambda episodes: _coverage(episodes, "best")[:, None] > _COVERED,
     overall=lambda episodes: {
