@@ -167,6 +167,6 @@ METHODS: Mapping[str, Entry] = {
     "dagger": Entry(
         "DAgger given the true label", _coded(DAgger()), (Need.LABELS, Need.ENVIRONMENT, Need.DEMONSTRATORS)
     ),
-    "ours_untuned": Entry("T-VAE (ours), nothing chosen for the task", _untuned, tasks=("overcooked",)),
+    "ours_untuned": Entry("T-VAE (ours), untuned", _untuned, tasks=("overcooked",)),
     "ours": Entry("T-VAE (ours)", lambda task, cells: Ours(task, TASKS[task].config, cells)),
 }
