@@ -101,7 +101,7 @@ def test_our_default_takes_as_many_steps_as_the_pages_say(task: str, num_steps: 
 def test_each_ablation_changes_one_thing_of_the_bound():
     bound = ABLATIONS["zombie"]["bound"].to_json()
     ablations = dict(ABLATIONS["zombie"])
-    assert ablations.pop("default_300") == PRESETS["zombie"]["default"]
+    assert ablations.pop("default_300") == ablations.pop("default_5000") == PRESETS["zombie"]["default"]
     for name, config in ablations.items():
         changed = {
             field

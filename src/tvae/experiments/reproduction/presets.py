@@ -92,8 +92,11 @@ SAMPLE_SIZES: Mapping[str, int] = {
     "demonstrations_1000": 1000,
     "demonstrations_5000": 5000,
     "default_300": 300,
+    "default_5000": 5000,
 }
 """Presets of the zombie task that learn from another number of demonstrations than 2,000: `bound`, and our default."""
+
+_BY_DEFAULT = ("default_300", "default_5000")
 
 ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
     "navigation": {"bound": replace(_NAVIGATION, policy=BOUND_ALONE)},
@@ -118,18 +121,18 @@ ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
         "plain_budget": _budgeted(_PLAIN),
         "plain_independence": _independent(_PLAIN),
         "plain_swapped": _swapped(_PLAIN),
-        **{name: _DEFAULT if name == "default_300" else _BOUND for name in SAMPLE_SIZES},
+        **{name: _DEFAULT if name in _BY_DEFAULT else _BOUND for name in SAMPLE_SIZES},
     },
 }
-"""`bound`, and with it one thing changed at a time, the number of demonstrations among them; `default_300` is our
-default. Figure 8 shows `whole_episodes` too. The term of the end goes with the state decoder, which it reads. `plain`
+"""`bound`, and with it one thing changed at a time, the number of demonstrations among them; `default_300`
+and `default_5000` are our default. Figure 8 shows `whole_episodes` too. The term of the end goes with the state decoder, which it reads. `plain`
 changes two, `reactive` and `events`, and the three behind it add a remedy on the latent's side: can it do without those
 on the decoders' side?
 """
 
 _BASES = {
     **dict.fromkeys(("plain_budget", "plain_independence", "plain_swapped"), "plain"),
-    "default_300": "demonstrations_300",
+    **{name: f"demonstrations_{SAMPLE_SIZES[name]}" for name in _BY_DEFAULT},
 }
 
 BASES: Mapping[str, Mapping[str, str]] = {
