@@ -124,10 +124,10 @@ ABLATIONS: Mapping[str, Mapping[str, RunConfig]] = {
         **{name: _DEFAULT if name in _BY_DEFAULT else _BOUND for name in SAMPLE_SIZES},
     },
 }
-"""`bound`, and with it one thing changed at a time, the number of demonstrations among them; `default_300`
-and `default_5000` are our default. Figure 8 shows `whole_episodes` too. The term of the end goes with the state decoder, which it reads. `plain`
-changes two, `reactive` and `events`, and the three behind it add a remedy on the latent's side: can it do without those
-on the decoders' side?
+"""`bound`, and with it one thing changed at a time, the number of demonstrations among them; `default_300` and
+`default_5000` are our default. Figure 8 shows `whole_episodes` too. The term of the end goes with the state decoder,
+which it reads. `plain` changes two, `reactive` and `events`, and the three behind it add a remedy on the latent's side:
+can it do without those on the decoders' side?
 """
 
 _BASES = {
