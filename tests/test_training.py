@@ -109,8 +109,8 @@ def test_more_demonstrations_are_trained_on_for_longer(num_episodes: int, length
 
 
 def test_fit_trains_for_as_long_as_its_training_demonstrations_suggest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tvae.data.batches._FEWEST_BATCHES", 1)
-    monkeypatch.setattr("tvae.data.batches._PASSES", 3)
+    monkeypatch.setattr("tvae.fitting.amounts._FEWEST_STEPS", 1)
+    monkeypatch.setattr("tvae.fitting.amounts._PASSES", 3)
     taken: dict[str, int] = {}
     observer = Observer(
         on_step=lambda step, terms: taken.update(bound=step), on_policy_step=lambda step, nats: taken.update(alone=step)

@@ -20,8 +20,6 @@ _STEPS_PER_BATCH = 3_200
 _FEWEST, _MOST = 32, 64
 _MOST_PADDED_STEPS = 1 << 16
 """In a batch of several trajectories."""
-_PASSES = 60
-_FEWEST_BATCHES, _MOST_BATCHES = 2_200, 6_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +90,6 @@ def suitable_batch_size(lengths: IntArray) -> int:
     """
     fewest = np.clip(_MOST_PADDED_STEPS // lengths.mean(), 1, _FEWEST)
     return int(np.clip(round(_STEPS_PER_BATCH / lengths.mean()), fewest, _MOST))
-
-
-def suitable_num_batches(num_episodes: int, batch_size: int) -> int:
-    """How many batches of this size a training takes: 60 passes over so many trajectories, but 2,200 to 6,000 batches.
-
-    >>> [suitable_num_batches(num_episodes, 32) for num_episodes in (100, 1_350, 50_000)]
-    [2200, 2531, 6000]
-    """
-    return int(np.clip(round(_PASSES * num_episodes / batch_size), _FEWEST_BATCHES, _MOST_BATCHES))
 
 
 def ordered_batches(demonstrations: Demonstrations, size: int) -> Iterator[IntArray]:

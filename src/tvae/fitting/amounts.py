@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tvae.data.batches import suitable_batch_size, suitable_num_batches
+import numpy as np
+
+from tvae.data.batches import suitable_batch_size
 from tvae.model.arguments import counted
 from tvae.spaces import IntArray
 
+_PASSES = 60
+_FEWEST_STEPS, _MOST_STEPS = 2_200, 6_000
 _MOST_POLICY_STEPS = 2_500
 
 
@@ -28,10 +32,9 @@ class Amounts:
     ) -> Amounts:
         """For training trajectories of these lengths (E,): what is asked, and where that is None what suits them.
 
-        That is `suitable_batch_size` trajectories and `suitable_num_batches` steps; and as many of the policy alone
-        as of the bound, at most 2,500. Raises `ValueError` for numbers that cannot be.
+        That is `suitable_batch_size` trajectories; 60 passes over all of them, but 2,200 steps at least and 6,000 at
+        most; and as many steps of the policy alone, at most 2,500. Raises `ValueError` for numbers that cannot be.
 
-        >>> import numpy as np
         >>> Amounts.of(np.full(1_350, 100), batch_size=None, num_steps=None, policy_steps=None)
         Amounts(batch_size=32, num_steps=2531, policy_steps=2500)
         >>> Amounts.of(np.full(1_350, 100), batch_size=None, num_steps=40, policy_steps=None)
@@ -39,7 +42,7 @@ class Amounts:
         """
         batch_size = suitable_batch_size(lengths) if batch_size is None else counted("batch_size", batch_size)
         if num_steps is None:
-            num_steps = suitable_num_batches(len(lengths), batch_size)
+            num_steps = int(np.clip(round(_PASSES * len(lengths) / batch_size), _FEWEST_STEPS, _MOST_STEPS))
         num_steps = counted("num_steps", num_steps)
         if policy_steps is None:
             policy_steps = min(num_steps, _MOST_POLICY_STEPS)
